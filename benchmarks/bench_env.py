@@ -19,7 +19,6 @@ import numpy as np
 
 import pdrbench
 from pdrbench.bench import Timing
-from pdrbench.cli.bench import print_timings
 from pdrbench.errors import PdrbenchError
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.vector import LocalizationVectorEnv
@@ -27,6 +26,7 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_lab.cli.bench import print_timings
 
 UNIT = "us/step"
 STEP_GOAL_US = 5.0

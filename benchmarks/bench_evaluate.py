@@ -141,8 +141,8 @@ def main() -> None:
         root = Path(folder)
         install(root, WALKS, {"bench_busy": LOCALIZER % WALK_S})
         from pdrbench.bench import Timing  # entry points are read at the first import of pdrbench
-        from pdrbench.cli.bench import print_timings
         from pdrbench.evaluation.pool import discard
+        from pdrbench_lab.cli.bench import print_timings
 
         counter = iter(range(1000))
         bare_s = perfect_s()

@@ -24,8 +24,8 @@ import numpy as np
 import pandas as pd
 
 from pdrbench.bench import Timing
-from pdrbench.cli.bench import print_timings
 from pdrbench.datasets import find
+from pdrbench_lab.cli.bench import print_timings
 from pdrbench_sim.readers import ilc20
 
 UNPACK: dict[str, Callable[[bytes], bytes]] = {".gz": gzip.decompress, ".xz": lzma.decompress}

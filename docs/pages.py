@@ -21,7 +21,7 @@ NETWORKS: Final = DOCS.parent / "baselines" / "pdrbench_baselines" / "learned"
 RECORDS: Final = {  # files and JSON whose fields are those of a record
     "A result: `Result`": ("pdrbench.result:Result",),
     "Where a localizer was: `Estimates`": ("pdrbench.trajectory:Estimates",),
-    "The ledger of looks at sealed splits: `looks.jsonl`": ("pdrbench.evaluation.looks:Look",),
+    "The ledger of looks at sealed splits: `looks.jsonl`": ("pdrbench_lab.reproduce.looks:Look",),
     "A bundle: `manifest.json` and `run.json`": (
         "pdrbench_leaderboard.manifest:Manifest",
         "pdrbench_leaderboard.manifest:EnvironmentRecord",

@@ -33,7 +33,7 @@ from pdrbench.registry import (
     make_task,
 )
 from pdrbench.task import SURVEYS, Task
-from pdrbench_baselines.woodman2008.gpu_localizer import why_no_gpu
+from pdrbench_lab.papers.woodman2008.gpu_localizer import why_no_gpu
 
 ENVIRONMENTS = sorted(environments())
 LOCALIZERS = sorted(localizers())

@@ -5,26 +5,17 @@ The tables hold strings only, so that nothing is imported early.
 
 LOCALIZERS = {
     "dead_reckoning-v0": "pdrbench_baselines.dead_reckoning:DeadReckoning",
-    "eqnio-v0": "pdrbench_baselines.learned.odometry.localizer:equivariant",
-    "factor_graph-v0": "pdrbench_baselines.factor_graph.localizer:FactorGraph",
-    "factor_graph_smooth-v0": "pdrbench_baselines.factor_graph.localizer:smoothed",
     "foot_ins-v0": "pdrbench_baselines.foot_ins.localizer:literal",
     "foot_ins_adaptive-v0": "pdrbench_baselines.foot_ins.localizer:adaptive",
     "foot_ins_adaptive-v1": "pdrbench_baselines.foot_ins.localizer:robust",
     "foot_ins_adaptive-v2": "pdrbench_baselines.foot_ins.localizer:reweighted",
     "foot_ins_are-v0": "pdrbench_baselines.foot_ins.localizer:angular_rate",
     "foot_ins_interval-v0": "pdrbench_baselines.foot_ins.localizer:interval",
-    "foot_ins_lstm-v0": "pdrbench_baselines.learned.zero_velocity:FootInsLstm",
     "foot_ins_mag-v0": "pdrbench_baselines.foot_ins.localizer:magnitude",
     "foot_ins_mv-v0": "pdrbench_baselines.foot_ins.localizer:moving_variance",
     "foot_ins_smooth-v0": "pdrbench_baselines.foot_ins.localizer:smoothed",
     "foot_ins_smooth-v1": "pdrbench_baselines.foot_ins.localizer:robust_smoothed",
     "foot_ins_smooth-v2": "pdrbench_baselines.foot_ins.localizer:reweighted_smoothed",
-    "foot_pair-v0": "pdrbench_baselines.foot_ins.pair:FootPair",
-    "foot_pair-v1": "pdrbench_baselines.foot_ins.pair:reweighted_pair",
-    "footslam-v0": "pdrbench_baselines.footslam.localizer:FootSlam",
-    "footslam_nomap-v0": "pdrbench_baselines.footslam.localizer:without_map",
-    "footslam_smooth-v0": "pdrbench_baselines.footslam.localizer:smoothed",
     "frank2009-v0": "pdrbench_baselines.frank2009.localizer:Frank2009",
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
     "fusion-v0": "pdrbench_baselines.fusion.localizer:Fusion",
@@ -51,14 +42,8 @@ LOCALIZERS = {
     "li2012_nodtw-v0": "pdrbench_baselines.li2012.localizer:without_warping",
     "li2012_nomap-v0": "pdrbench_baselines.li2012.localizer:without_map",
     "li2012_smooth-v0": "pdrbench_baselines.li2012.localizer:smoothed",
-    "magnetic-v0": "pdrbench_baselines.magnetic.localizer:Magnetic",
     "oracle-v0": "pdrbench_baselines.oracle:Oracle",
-    "ronin-v0": "pdrbench_baselines.learned.odometry.localizer:ronin",
     "stay-v0": "pdrbench_baselines.stay:Stay",
-    "step_count-v0": "pdrbench_baselines.step_count:StepCount",
-    "step_count-v1": "pdrbench_baselines.step_count:adaptive",
-    "step_count_literal-v0": "pdrbench_baselines.step_count:literal",
-    "tlio-v0": "pdrbench_baselines.learned.odometry.localizer:tlio",
     "viterbi_map-v0": "pdrbench_baselines.viterbi_map.localizer:ViterbiMap",
     "viterbi_map_smooth-v0": "pdrbench_baselines.viterbi_map.localizer:smoothed",
     "wifi_knn-v0": "pdrbench_baselines.wifi_knn:WifiKnn",
@@ -67,31 +52,10 @@ LOCALIZERS = {
     "woodman2008-v0": "pdrbench_baselines.woodman2008.localizer:Woodman2008",
     "woodman2008_drift-v0": "pdrbench_baselines.woodman2008.localizer:drift_learned",
     "woodman2008_drift-v1": "pdrbench_baselines.woodman2008.localizer:drift_prior_elsewhere",
-    "woodman2008_gpu-v0": "pdrbench_baselines.woodman2008.gpu_localizer:Woodman2008Gpu",
     "woodman2008_smooth-v0": "pdrbench_baselines.woodman2008.localizer:smoothed",
 }
 
-REPRODUCTIONS = {
-    "foot_ins": "pdrbench_baselines.foot_ins.claims:REPRODUCTION",
-    "foot_left_out": "pdrbench_baselines.foot_ins.claims:LEFT_OUT",
-    "foot_strides": "pdrbench_baselines.foot_ins.swings:REPRODUCTION",
-    "footslam": "pdrbench_baselines.footslam.claims:REPRODUCTION",
-    "frank2009": "pdrbench_baselines.frank2009.claims:REPRODUCTION",
-    "koeping2012": "pdrbench_baselines.koeping2012.claims:REPRODUCTION",
-    "li2012": "pdrbench_baselines.li2012.claims:REPRODUCTION",
-    "steps_left_out": "pdrbench_baselines.li2012.left_out:REPRODUCTION",
-    "woodman2008": "pdrbench_baselines.woodman2008.claims:REPRODUCTION",
-}
-
-BENCHES = {
-    "inertial": "pdrbench_baselines.foot_ins.bench:run",
-    "particles": "pdrbench_baselines.woodman2008.bench:run",
-    "phone": "pdrbench_baselines.li2012.bench:run",
-    "radio": "pdrbench_baselines.frank2009.bench:run",
-}
-
 WARM_UPS = {
-    "pdrbench_baselines.footslam": "pdrbench_baselines.footslam.kernels:warm_up",
     "pdrbench_baselines.frank2009": "pdrbench_baselines.frank2009.warm:warm_up",
     "pdrbench_baselines.fusion": "pdrbench_baselines.fusion.kernels:warm_up",
     "pdrbench_baselines.learned": "pdrbench_baselines.learned.compiled:warm_up",

@@ -17,6 +17,7 @@ from pdrbench.sensors.stride import STRIDE, StrideErrors, measure, measured
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
+from pdrbench_sim.units import STRIDE_LAW
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -80,9 +81,7 @@ class StrideVersion:
 
 def fitted() -> StrideErrors:
     """The law of `pdrbench error-model --law`."""
-    from pdrbench_sim.units.stride_fit import FITTED
-
-    return StrideErrors.read(FITTED)
+    return StrideErrors.read(STRIDE_LAW)
 
 
 FORMER: Final = StrideVersion(

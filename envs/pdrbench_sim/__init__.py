@@ -5,13 +5,6 @@
 with recordings, which `readers` reads. Import the submodules: they need SciPy and shapely.
 """
 
-COMMANDS = {
-    "error-model": "pdrbench_sim.units.command:error_model",
-    "validate-sim": "pdrbench_sim.realism.command:validate_sim",
-}
-
-BENCHES = {"simulate": "pdrbench_sim.bench:run"}
-
 READERS = {
     "foot_loops": "pdrbench_sim.readers.foot_loops:READER",
     "foot_short": "pdrbench_sim.readers.foot_short:READER",

@@ -22,14 +22,9 @@ COMMANDS = {
     "list": "pdrbench.cli.list:app",
     "run": "pdrbench.cli.run:run",
     "compare": "pdrbench.cli.compare:compare",
-    "tune": "pdrbench.cli.tune:tune",
-    "looks": "pdrbench.cli.tune:looks",
-    "reproduce": "pdrbench.cli.reproduce:reproduce",
     "check": "pdrbench.cli.check:app",
     "data": "pdrbench.cli.data:app",
     "plot": "pdrbench.cli.plot:plot",
-    "bench": "pdrbench.cli.bench:bench",
-    "warm-up": "pdrbench.cli.bench:warm_up",
 }
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
 

@@ -95,8 +95,8 @@ def compare(
         localizers = suited_localizers(localizer, envs, split, isolation, shows_all=every)
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.evaluation.tune import by_fold
         from pdrbench.report import comparison_page, write_report
+        from pdrbench_lab.reproduce.tune import by_fold
 
         with on_cluster(scheduler):
             results = evaluate(

@@ -117,7 +117,7 @@ def reproductions(as_json: AsJson = False) -> None:
     """Registered reproductions of papers."""
 
     def describe(entry: PluginEntry) -> Item:
-        from pdrbench.evaluation.reproduce import load_reproduction
+        from pdrbench_lab.reproduce.reproduce import load_reproduction
 
         found, _ = load_reproduction(entry.id)
         return {

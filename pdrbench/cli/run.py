@@ -76,7 +76,7 @@ def run(
             raise PdrbenchError("a look at a sealed test split is stored with its ledger: add --out FOLDER")
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.evaluation.tune import by_fold
+        from pdrbench_lab.reproduce.tune import by_fold
 
         with on_cluster(scheduler):
             results = evaluate(

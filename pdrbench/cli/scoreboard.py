@@ -120,11 +120,10 @@ def cell(score: Mapping[str, Any] | None) -> str:
 
 def footnotes(results: Sequence[Result]) -> list[str]:
     """What became of walks and answers that are not complete, and of those that were revised, a line each."""
-    from pdrbench.evaluation.looks import look_notes
     from pdrbench.evaluation.summary import revision_of
     from pdrbench.evaluation.wording import describe_offline
 
-    lines = look_notes(result.provenance for result in results)
+    lines: list[str] = []
     for (env, localizer), group in _groups(results).items():
         name = f"{localizer} on {env}"
         division, revise_s = revision_of(group)

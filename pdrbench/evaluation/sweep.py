@@ -17,7 +17,6 @@ from pdrbench.evaluation import pool, store
 from pdrbench.evaluation.inprocess_run import compute_in_process
 from pdrbench.evaluation.isolated_run import compute_isolated
 from pdrbench.evaluation.jobs import JobContext, check_counts
-from pdrbench.evaluation.looks import with_looks
 from pdrbench.evaluation.protocol import PROBED_WALKS
 from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
@@ -65,8 +64,7 @@ def evaluate(
         envs: Environment ids.
         split: "train", "val", "test" or "heldout"; None: "test", but "val" of a sealed environment. A localizer that
             needs the truth is unsuitable for the last two.
-        why: Reason for a look at the test split of a sealed environment; entered in the ledger in `out`, see
-            `pdrbench.evaluation.looks`.
+        why: Not used.
         seeds: Every walk is run with the seeds 0 to `seeds` - 1. None: 1, but as many as the leaderboard has (5 where
             there is none) for a localizer whose answers on the first two walks of an environment differ between two.
         walks: Only the first so many of the split, or those with these ids. None: those of the leaderboard of the
@@ -116,7 +114,6 @@ def evaluate(
         secret=secret,
     )
     with _result_folder(out) as folder:
-        jobs_to_do = with_looks(jobs_to_do, why, folder)
         context = JobContext(
             folder=folder,
             run=uuid.uuid4().hex,

@@ -17,7 +17,6 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError, ResultError, unknown_name
 from pdrbench.evaluation import store
-from pdrbench.evaluation.looks import look_notes
 from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.evaluation.summary import Row, finite, summary_row
@@ -289,7 +288,6 @@ class Results:
             if row["unsuitable"]:
                 notes.append(f"{who}: {row['unsuitable']} runs declined and not scored")
         notes += dict.fromkeys(f"{row['env']}: {row['note']}" for row in self._rows if row["note"])
-        notes += look_notes(result.provenance for result in self.results)
         machines = dict.fromkeys(machine_text(result.provenance.get("machine")) for result in self.results)
         return [*notes, *(f"time measured on {machine}" for machine in machines if machine)]
 

@@ -141,7 +141,7 @@ ADAPTIVE: Final = FootParams(
     unit_height_m=0.08,  # on the laces; a regression on motion capture gives 0.09 to 0.12 m, surveyed strides 0.08
     clipped_rate_radps=5.0,
 )
-# `knee_fraction` and `clipped_sigma_fraction` are fitted on recordings, see `pdrbench_baselines.foot_ins.left_out`.
+# `knee_fraction` and `clipped_sigma_fraction` are fitted on recordings, see `pdrbench_lab.foot_ins.left_out`.
 # Others are not: gyroscopes of the consumer class are switched on with a bias of 0.1 to 0.5 degrees/s, are calibrated
 # to 0.1 to 0.5 % and, in the range of 500 degrees/s, end at 8.5 to 9.6 rad/s; in 190 stands of 60 recordings the foot
 # turned about the vertical by 0.15 degrees; the trapezoidal rule errs by a twelfth of the second difference; and

@@ -4,7 +4,7 @@ The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world fra
 world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
 belongs to the errors (position, velocity, rotation of the world frame, biases). With 17 states the nominal state has 18
 members: the error of the gyroscope's scale, and the seconds by which its rates lag. The same in plain matrices:
-`pdrbench_baselines.foot_ins.bench`.
+`pdrbench_lab.foot_ins.bench`.
 """
 
 from __future__ import annotations

@@ -232,7 +232,7 @@ def environment_packages() -> frozenset[str]:
     modules = {point.value for group in groups for point in entry_points(group=group)} | {
         e.target for e in environments().values()
     }
-    return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME}
+    return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME, "pdrbench_lab"}
 
 
 def _package(top: str, localizer: str) -> list[str]:

@@ -25,7 +25,7 @@ from pdrbench_baselines.fusion.params import FUSION_V1, FUSION_V2, FusionParams
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.reckoning import BRIDGED_FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer, mean_move
 from pdrbench_baselines.learned.signals import HORIZON
-from pdrbench_baselines.li2012.steps import corridor
+from pdrbench_lab.papers.li2012.steps import corridor
 
 
 def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool = False, doubt: float = 0.0) -> Move:

@@ -23,7 +23,7 @@ from pdrbench_baselines.learned.localizer import motion_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
-from pdrbench_baselines.li2012.steps import corridor
+from pdrbench_lab.papers.li2012.steps import corridor
 
 PARAMS = CompassParams()
 

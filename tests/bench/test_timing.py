@@ -43,7 +43,7 @@ def test_the_bench_of_readers_has_its_rows(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.long(seconds=10)
 def test_the_particle_bench_has_its_rows() -> None:
     """Every row of the table, from a small run; ratios are positive and name their denominator."""
-    from pdrbench_baselines.woodman2008.bench import run
+    from pdrbench_lab.papers.woodman2008.bench import run
 
     lines: list[str] = []
     rows = {row.name: row for row in run(True, lines.append)}

@@ -35,7 +35,7 @@ def figures() -> Iterator[ModuleType]:
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_the_table_of_a_page_has_the_claims_of_today(name: str, figures: ModuleType) -> None:
-    from pdrbench.evaluation.reproduce import load_reproduction
+    from pdrbench_lab.reproduce.reproduce import load_reproduction
 
     reproduction, _ = load_reproduction(name)
     rows = figures.claims_of(name)
@@ -135,13 +135,19 @@ IN_WORDS = {3: "three", 4: "four", 9: "nine"}
 
 def test_descriptions_have_the_numbers_of_the_constants() -> None:
     from pdrbench.sensors.position import PositionErrors
-    from pdrbench_envs.building_site.environment import DURATION_S
-    from pdrbench_envs.corridor_phone.corridor import CORRIDOR, TAP_SIGMA_M
-    from pdrbench_envs.lab_stride.environment import DURATION_S as LAB_S
     from pdrbench_envs.office_abroad import GROUPS
     from pdrbench_envs.office_signals import SWITCHED_FRACTION
-    from pdrbench_envs.phone_handling import DURATION_S as HANDLED_S
-    from pdrbench_envs.wlan_hallway.hallway import LAP_M, LAPS, SCANS_A_POINT, SPACING_M, calibration_points_m
+    from pdrbench_lab.environments.phone_handling import DURATION_S as HANDLED_S
+    from pdrbench_lab.papers.frank2009.wlan_hallway.hallway import (
+        LAP_M,
+        LAPS,
+        SCANS_A_POINT,
+        SPACING_M,
+        calibration_points_m,
+    )
+    from pdrbench_lab.papers.koeping2012.building_site.environment import DURATION_S
+    from pdrbench_lab.papers.li2012.corridor_phone.corridor import CORRIDOR, TAP_SIGMA_M
+    from pdrbench_lab.papers.woodman2008.lab_stride.environment import DURATION_S as LAB_S
 
     errors = measured()
     first_m, last_m = (float(PositionErrors().sigma_m(np.array(t_s))) for t_s in (0.0, DURATION_S))
@@ -197,7 +203,7 @@ def test_descriptions_have_the_numbers_of_the_recordings(data_root: Path) -> Non
 
 
 def test_the_pace_of_people_is_that_of_their_laws() -> None:
-    from pdrbench_envs.wlan_hallway.hallway import HALLWAY_PEOPLE
+    from pdrbench_lab.papers.frank2009.wlan_hallway.hallway import HALLWAY_PEOPLE
     from pdrbench_sim.people.person import PersonParams, draw_person
 
     class Mean:

@@ -36,7 +36,7 @@ from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.inertial.quaternions import to_world
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 from pdrbench.metrics.odometry import align_se2
-from pdrbench_baselines.foot_ins.bench import corrected, plain_filter
+from pdrbench_lab.foot_ins.bench import corrected, plain_filter
 
 FREE = replace(
     ADAPTIVE, unit_height_m=0.0, clipped_rate_radps=math.inf

@@ -11,7 +11,7 @@ import pytest
 from pdrbench.inertial import ADAPTIVE, LITERAL, ROBUST, FieldParams, FootParams, navigate, navigate_smoothed
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
-from pdrbench_baselines.foot_ins.bench import plain_filter, plain_smooth
+from pdrbench_lab.foot_ins.bench import plain_filter, plain_smooth
 
 
 def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:

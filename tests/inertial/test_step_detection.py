@@ -18,7 +18,7 @@ from pdrbench.inertial.step_detection import (
     find_steps,
     lowpass_taps,
 )
-from pdrbench_baselines.li2012.bench import plain_steps
+from pdrbench_lab.papers.li2012.bench import plain_steps
 
 G = 9.80665
 RATE_HZ = 50.0

@@ -7,7 +7,7 @@ import pytest
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
-from pdrbench_baselines.li2012.bench import plain_warped_distance
+from pdrbench_lab.papers.li2012.bench import plain_warped_distance
 
 
 def test_compiled_distances_agree_with_plain_numpy(rng):

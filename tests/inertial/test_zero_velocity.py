@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pdrbench.inertial import DETECTORS, Detector, Rest, RestDetector, detect
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2, held_s, soft_sigma, statistic, window_rows
-from pdrbench_baselines.foot_ins.bench import plain_statistic
+from pdrbench_lab.foot_ins.bench import plain_statistic
 
 STATISTICS = ("shoe", "are", "mv", "mag")
 SCALES = (0.01, 0.002, GRAVITY_MPS2)

@@ -58,7 +58,7 @@ def test_looks_at_a_sealed_split_travel_with_an_entry_to_its_table(
     small_suite: Suite, submitted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sealed = dataclasses.replace(make_task("BuildingSite-v0"), sealed=True)
-    monkeypatch.setattr("pdrbench.evaluation.looks.make_task", lambda _: sealed)
+    monkeypatch.setattr("pdrbench_lab.reproduce.looks.make_task", lambda _: sealed)
     spec = f"{submitted}:Mine"
     suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
     bundle = make_bundle(spec, card_named("mine-v0"), small_suite, suite_run)

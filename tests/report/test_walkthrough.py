@@ -6,7 +6,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from pdrbench_sim.realism import walkthrough
+from pdrbench_lab.realism import walkthrough
 
 NOTHING = SimpleNamespace(measured={})
 FLOORS = {f"wifi_variogram_{distance}m": np.array([4.0, 5.0]) for distance in walkthrough.VARIOGRAM_M}

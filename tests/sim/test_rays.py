@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench_envs.lab_stride.lab import make_lab
+from pdrbench_lab.papers.woodman2008.lab_stride.lab import make_lab
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.radio.rays import LIGHT_WALL_M, MAX_WALL_M, PARALLEL, Obstacles, PlanLines, obstacles

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import MapError
-from pdrbench_envs.building_site.site import SiteParams, draw_visits, make_site
+from pdrbench_lab.papers.koeping2012.building_site.site import SiteParams, draw_visits, make_site
 from pdrbench_sim.people.route import navigation_mesh
 
 

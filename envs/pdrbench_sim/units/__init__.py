@@ -1,5 +1,10 @@
-"""Inertial units: error profiles, what one of a kind measures, and the errors of the strides they yield.
+"""Inertial units: error profiles, and what one of a kind measures.
 
 `motion.RigidMotion` gives ideal signals, `device.draw_unit` a unit of a profile (`profiles.imu_profile`) that measures
-them. `stride_errors` fits the error model of strides to recordings; `pdrbench error-model` (`command`) prints it.
+them. `STRIDE_LAW` is the fitted law of the errors of strides; the laboratory fits it to recordings.
 """
+
+from pathlib import Path
+from typing import Final
+
+STRIDE_LAW: Final = Path(__file__).with_name("stride_law.json")

@@ -173,7 +173,7 @@ def test_wlan_corrects_the_steps_and_one_far_place_moves_the_robust_filter_less(
 
 def test_no_answer_depends_on_a_map() -> None:
     """F14."""
-    from pdrbench_envs.wlan_hallway.hallway import make_hallway
+    from pdrbench_lab.papers.frank2009.wlan_hallway.hallway import make_hallway
 
     scans = [scan(1.0 + k, k % 3) for k in range(10)]
     one, other = (

@@ -15,7 +15,7 @@ from pdrbench.geometry import IntArray
 from pdrbench_baselines.koeping2012 import movement_kernels as kernels
 from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
 from pdrbench_baselines.koeping2012.movement_cells import GridCells, cut_floor
-from pdrbench_envs.lab_stride.lab import make_lab
+from pdrbench_lab.papers.woodman2008.lab_stride.lab import make_lab
 from pdrbench_sim.buildings.assembly import Cell, Opening, assemble, rectangle
 from pdrbench_sim.buildings.office import make_office
 

@@ -22,14 +22,14 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, FootSource, foot_rows  # noqa: E402
-from pdrbench_baselines.learned.data import gather, windows_of_sources  # noqa: E402
-from pdrbench_baselines.learned.feet import levelled, train_foot  # noqa: E402
 from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: E402
 from pdrbench_baselines.learned.model import Network  # noqa: E402
 from pdrbench_baselines.learned.reckoning import Move, Reckoner  # noqa: E402
 from pdrbench_baselines.learned.rest_velocity import RestVelocity  # noqa: E402
-from pdrbench_baselines.learned.train import TrainParams, train  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
+from pdrbench_lab.learned.data import gather, windows_of_sources  # noqa: E402
+from pdrbench_lab.learned.feet import levelled, train_foot  # noqa: E402
+from pdrbench_lab.learned.train import TrainParams, train  # noqa: E402
 
 PERIOD_S = 0.1
 Rows = dict[str, FloatArray]

@@ -14,14 +14,14 @@ from pdrbench.errors import UnsuitableError  # noqa: E402
 from pdrbench.localizer import Briefing, Observation  # noqa: E402
 from pdrbench.recording import Recording  # noqa: E402
 from pdrbench.trajectory import Start  # noqa: E402
-from pdrbench_baselines.learned.batches import UNCHANGED, filtered, spectral_gain  # noqa: E402
 from pdrbench_baselines.learned.constants import LAGS, MAX_LOG_FACTOR, MAX_STEPS_HZ  # noqa: E402
 from pdrbench_baselines.learned.gait import GaitNetwork, step_law_m  # noqa: E402
 from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: E402
-from pdrbench_baselines.learned.people import train_bearer  # noqa: E402
 from pdrbench_baselines.learned.signals import turned  # noqa: E402
-from pdrbench_baselines.learned.walks import gentler, reckon, walk_figures, without_rotation  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
+from pdrbench_lab.learned.batches import UNCHANGED, filtered, spectral_gain  # noqa: E402
+from pdrbench_lab.learned.people import train_bearer  # noqa: E402
+from pdrbench_lab.learned.walks import gentler, reckon, walk_figures, without_rotation  # noqa: E402
 
 STEP_HZ = 1.8
 

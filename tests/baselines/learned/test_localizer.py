@@ -31,11 +31,11 @@ from pdrbench_baselines.learned.model import ARCHITECTURES, Network  # noqa: E40
 from pdrbench_baselines.learned.reckoning import Reckoner  # noqa: E402
 from pdrbench_baselines.learned.row_checks import check_rows  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned  # noqa: E402
-from pdrbench_baselines.learned.speed import measured  # noqa: E402
-from pdrbench_baselines.learned.walks import mirrored  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 from pdrbench_baselines.learned.wlan import ScanLocator  # noqa: E402
-from pdrbench_baselines.li2012.steps import corridor  # noqa: E402
+from pdrbench_lab.learned.speed import measured  # noqa: E402
+from pdrbench_lab.learned.walks import mirrored  # noqa: E402
+from pdrbench_lab.papers.li2012.steps import corridor  # noqa: E402
 
 SENSORS = ("accel", "gyro", "rotation")
 

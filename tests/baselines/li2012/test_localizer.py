@@ -25,8 +25,8 @@ from pdrbench_baselines.li2012.localizer import (
     without_warping,
 )
 from pdrbench_baselines.li2012.map_filter import StepModel
-from pdrbench_baselines.li2012.model import generic_model
 from pdrbench_baselines.li2012.user_heading import facing
+from pdrbench_lab.papers.li2012.model import generic_model
 
 STEP_HZ = 1.9
 SMALL = {"filter": {"num_particles": 500}}

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pdrbench.datasets import datasets
-from pdrbench_envs.malls import draw
 from pdrbench_envs.malls.splits import (
     GUARD_S,
     KNOWN,
@@ -31,6 +30,7 @@ from pdrbench_envs.malls.splits import (
     splits,
     walks,
 )
+from pdrbench_lab.malls import draw
 
 SURVEYED_AS = ("val", "test", *range(NUM_FOLDS))
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pdrbench.evaluation.reproduction import (
+from pdrbench_lab.reproduce.reproduction import (
     Claim,
     Experiment,
     Gate,

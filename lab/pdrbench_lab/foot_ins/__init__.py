@@ -1,0 +1,1 @@
+"""Foot ins, in the laboratory."""

@@ -1,0 +1,1 @@
+"""Learned, in the laboratory."""

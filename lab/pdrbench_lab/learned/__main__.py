@@ -1,0 +1,235 @@
+"""`python -m pdrbench_baselines.learned train --out DIR`, `measure`, `public`, `speed` and `figures`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.geometry import FloatArray
+from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.constants import GAIT
+from pdrbench_lab.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
+
+if TYPE_CHECKING:
+    from pdrbench.recording import Recording
+    from pdrbench_baselines.learned.model import Network
+    from pdrbench_baselines.learned.reckoning import WindowNetwork
+
+PEOPLE, EPOCHS = 400, 3  # of a training by default
+USUAL_WEIGHTS = "learned-v2"
+MEASURED = {
+    "office": "OfficePhone-v0",
+    "mall": "MallPhone-v1",
+    "abroad": "OfficePhoneAbroad-v0",
+    "museum": "Ipin2023Phone-v0",
+}
+OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command; returns its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m pdrbench_baselines.learned", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
+    train.add_argument("--out", type=Path, required=True, help="folder of the run")
+    train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
+    train.add_argument("--arch", choices=(GAIT, "resnet", "tcn"), help=f"{GAIT} by default, for a foot resnet")
+    train.add_argument("--width", type=int, help="of the first stage, as of the packaged network by default")
+    train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
+    train.add_argument(
+        "--data",
+        help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full",
+    )
+    train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
+    train.add_argument("--people", type=int, help="of each simulated source, who walk for the training")
+    train.add_argument("--val-people", type=int, help="others, on whom progress is measured")
+    train.add_argument("--epochs", type=int, help="in which windows are learned")
+    train.add_argument("--memory-epochs", type=int, help="in which the memory of walks learns, afterwards")
+    train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
+    train.add_argument("--seed", type=int, default=0)
+    train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
+    train.set_defaults(run=_train)
+    measure = commands.add_parser("measure", help="figures of networks on walks of environments that they never saw")
+    measure.add_argument(
+        "--weights",
+        action="append",
+        help="name of packaged weights or model.safetensors of a run, by default the newest; give two to compare",
+    )
+    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
+    measure.add_argument("--split", choices=("train", "val", "test"), default="val")
+    measure.add_argument("--only", choices=tuple(MEASURED), help="one of the environments")
+    measure.add_argument("--shaking", type=float, default=1.0, help="multiplied by so much, steps and way as they are")
+    measure.add_argument("--own-attitude", action="store_true", help="as if phones had no rotation vector")
+    measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
+    measure.set_defaults(run=_measure)
+    public = commands.add_parser("public", help="train and test on RoNIN, RIDI or OxIOD, people of the test left out")
+    public.add_argument("folder", type=Path, help="with walks of these sets, and the lists that come with them")
+    public.add_argument("--out", type=Path, help="folder of a run: trains before, with the other sources of train")
+    public.add_argument("--data", default=",".join(USUAL), help=f"these others, some of {','.join(SOURCES)}")
+    public.add_argument("--people", type=int, default=PEOPLE, help="of each simulated source")
+    public.add_argument("--epochs", type=int, default=EPOCHS)
+    public.add_argument("--weights", default=USUAL_WEIGHTS, help="without --out: a name, or a file")
+    public.add_argument("--part", choices=("test", "seen", "val"), default="test")
+    public.set_defaults(run=_public)
+    speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
+    speed.add_argument("--weights", default=USUAL_WEIGHTS, help="name of packaged weights, or file of a run")
+    speed.add_argument("--compiled", action="store_true", help="in compiled code instead of PyTorch, as fusion-v2")
+    speed.set_defaults(run=_speed)
+    figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
+    figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")
+    figures.add_argument("--windows", type=Path, required=True, help="folder of the windows of the runs")
+    figures.add_argument("--out", type=Path, required=True, help="gets the pictures, and learned.json with the numbers")
+    figures.set_defaults(run=_figures)
+    given = parser.parse_args(arguments)
+    try:
+        given.run(given)
+    except PdrbenchError as error:
+        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        return 1
+    return 0
+
+
+def _train(given: argparse.Namespace) -> None:
+    try:
+        from pdrbench_lab.learned.train import ON_FOOT, TrainParams, train
+    except ModuleNotFoundError as error:
+        raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
+    usual = ON_FOOT if given.carried == FOOT else TrainParams()
+    chosen = tuple(given.data.split(",")) if given.data else usual.sources
+    asked = ("arch", "width", "people", "val_people", "epochs", "memory_epochs")
+    params = replace(
+        usual,
+        sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
+        seed=given.seed,
+        threads=given.threads,
+        **{name: getattr(given, name) for name in asked if getattr(given, name) is not None},
+    )
+    figures = train(
+        given.out,
+        params,
+        windows_in=given.windows,
+        recordings=given.recordings,
+        budget_min=given.budget,
+        say=lambda line: print(line, flush=True),  # noqa: T201
+    )
+    print(f"other people: {figures.line()}")  # noqa: T201
+
+
+def _public(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.localizer import load_network
+    from pdrbench_lab.learned.public_sets import load, public_walks
+    from pdrbench_lab.learned.walks import walk_figures
+
+    walks = public_walks(given.folder)
+    tested = [walk for walk in walks if walk.part == given.part]
+    if not tested:
+        parts = ", ".join(sorted({walk.part for walk in walks})) or "no walk at all"
+        raise PdrbenchError(f"{given.folder}: no walk of part {given.part}; there is {parts}")
+    weights = given.weights
+    if given.out is not None:
+        from pdrbench_lab.learned.train import MODEL, TrainParams, train
+
+        params = TrainParams(sources=(*given.data.split(","), OWN), people=given.people, epochs=given.epochs)
+        train(given.out, params, recordings=given.folder, say=lambda line: print(line, flush=True))  # noqa: T201
+        weights = str(given.out / MODEL)
+    network = load_network(weights)
+    for form, carried in sorted({(walk.form, walk.carried) for walk in tested}):
+        group = [walk for walk in tested if (walk.form, walk.carried) == (form, carried)]
+        text = ", ".join(f"{key} {value:.2f}" for key, value in walk_figures(network, map(load, group)).items())
+        print(f"{form} {given.part} {carried}: {len(group)} walks, {text}")  # noqa: T201
+
+
+def _speed(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.compiled import compiled_network
+    from pdrbench_baselines.learned.localizer import load_network
+    from pdrbench_lab.learned.speed import measured
+
+    load: Callable[[str], WindowNetwork] = compiled_network if given.compiled else load_network
+    print(measured(load(given.weights)).line())  # noqa: T201
+
+
+def _measure(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.localizer import load_network
+
+    usual = "learned_foot-v0" if given.carried == FOOT else USUAL_WEIGHTS
+    networks = {name: load_network(name) for name in given.weights or [usual]}
+    if given.carried == FOOT:
+        _measure_feet(networks, given.split)
+        return
+    of_mall = {}
+    for name, network in networks.items():
+        print(f"{name}:")  # noqa: T201
+        for env in [given.only] if given.only else MEASURED:
+            if env == "mall" and given.split == "test":
+                print("  the test split of MallPhone-v1 is sealed: play it with pdrbench compare, which asks why")  # noqa: T201
+            else:
+                of_mall[name] = _measure_in(network, env, given)
+    if len(of_mall) == 2 and given.only in (None, "mall"):
+        one, other = of_mall.values()
+        print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
+
+
+def _measure_in(network: Network, env: str, given: argparse.Namespace) -> FloatArray:
+    """Prints the figures of one environment; of malls gives the mean errors of legs and of places."""
+    from pdrbench.registry import make_task
+    from pdrbench_lab.learned.walks import gentler, mirrored, place_errors_m, walk_figures, without_rotation
+
+    task = make_task(MEASURED[env])
+    walks = {walk: task.load(walk) for walk in task.split(given.split)}
+    if given.mirrored:
+        walks = {name: mirrored(walk) for name, walk in walks.items()}
+
+    def changed(walk: Recording) -> Recording:
+        walk = walk if given.shaking == 1.0 else gentler(walk, given.shaking)
+        return without_rotation(walk) if given.own_attitude else walk
+
+    group_of = dict(task.groups) if env == "abroad" else {name: walk.mounting for name, walk in walks.items()}
+    for group in sorted({group_of[name] for name in walks}):
+        figures = walk_figures(network, [walk for name, walk in walks.items() if group_of[name] == group], changed)
+        text = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
+        print(f"  {task.id} {given.split}, {group}: {text}")  # noqa: T201
+    if env != "mall":
+        return np.zeros(2)
+    legs_m, places_m = place_errors_m(network, map(changed, walks.values()))
+    text = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
+    print(f"  {task.id} {given.split}, start known: {text}")  # noqa: T201
+    return np.array([legs_m.mean(), places_m.mean()])
+
+
+def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
+    from pdrbench.registry import make_task
+    from pdrbench_lab.learned.batches import Feed
+    from pdrbench_lab.learned.feet import levelled
+    from pdrbench_lab.learned.measure import window_figures
+    from pdrbench_lab.learned.walks import walk_figures
+
+    task = make_task("OfficeFoot-v0")
+    walks = [replace(walk, reference=levelled(walk).reference) for walk in map(task.load, task.split(split))]
+    windows, _ = gather(windows_of_sources((FEET,), OTHER_FEET, split))
+    feed = Feed(windows, "cpu")
+    for name, network in networks.items():
+        distance_pct = walk_figures(network, walks)["distance_pct"]  # its places are too rare for the other figures
+        print(f"{name}:")  # noqa: T201
+        print(f"  OfficeFoot-v0 {split}: distance {distance_pct:.2f} %")  # noqa: T201
+        print(f"  {OTHER_FEET} other people: {window_figures(network, feed, windows).line()}")  # noqa: T201
+
+
+def _figures(given: argparse.Namespace) -> None:
+    from pdrbench_lab.learned.figures import draw, numbers
+
+    measured = numbers(given.runs, given.windows)
+    for path in draw(measured, given.out):
+        print(path)  # noqa: T201
+    (given.out / "learned.json").write_text(json.dumps(measured, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Malls, in the laboratory."""

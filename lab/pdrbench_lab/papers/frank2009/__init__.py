@@ -1,0 +1,1 @@
+"""Frank2009, in the laboratory."""

@@ -1,0 +1,1 @@
+"""Koeping2012, in the laboratory."""

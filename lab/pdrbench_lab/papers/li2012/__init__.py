@@ -1,0 +1,1 @@
+"""Li2012, in the laboratory."""

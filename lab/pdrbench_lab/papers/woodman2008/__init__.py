@@ -1,0 +1,1 @@
+"""Woodman2008, in the laboratory."""

@@ -1,0 +1,1 @@
+"""Reproduce, in the laboratory."""

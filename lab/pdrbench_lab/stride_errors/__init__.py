@@ -1,0 +1,1 @@
+"""Stride errors, in the laboratory."""
