@@ -8,7 +8,16 @@ from __future__ import annotations
 
 from pdrbench.inertial.adaptive_steps import AdaptiveStepParams, find_adaptive_steps
 from pdrbench.inertial.checks import check_units, clean_rows
-from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, ROBUST, FootFilter, FootParams, FootStates, concatenate
+from pdrbench.inertial.foot_filter import (
+    ADAPTIVE,
+    LITERAL,
+    REWEIGHTED,
+    ROBUST,
+    FootFilter,
+    FootParams,
+    FootStates,
+    concatenate,
+)
 from pdrbench.inertial.magnetometer import FieldParams, level_field_ut
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
@@ -25,6 +34,7 @@ __all__ = [
     "DETECTORS",
     "GENTLE",
     "LITERAL",
+    "REWEIGHTED",
     "ROBUST",
     "STAGES",
     "WAYS",

@@ -165,6 +165,15 @@ ROBUST: Final = replace(
     held_rate_radps=3.0,
     evens_clock=True,
 )
+# A foot is slowest at 0.2 to 0.5 m/s where it runs; data sheets of accelerometers of the consumer class give biases of
+# 20 to 80 mg; `knee_fraction` and `clipped_sigma_fraction` are fitted on recordings.
+REWEIGHTED: Final = replace(
+    ROBUST,
+    detector=replace(ROBUST.detector, knee_fraction=0.024),
+    accel_bias_mps2=0.3,
+    ties_level=True,
+    slip_mps=0.3,
+)
 
 
 @dataclass(frozen=True, slots=True)

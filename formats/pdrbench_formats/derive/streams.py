@@ -14,7 +14,7 @@ from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import (
-    ADAPTIVE,
+    REWEIGHTED,
     WAYS,
     LevelTracker,
     PeakStepDetector,
@@ -224,10 +224,10 @@ def _upright(rotation: FloatArray, accel: FloatArray) -> float:
 
 
 def _strides(walk: _Walk) -> FloatArray:
-    """Strides of the adaptive filter of `foot_ins_adaptive-v0`; what no foot does is left out."""
+    """Strides of the newest foot filter, that of `foot_ins_robust`; what no foot does is left out."""
     pairs = SamplePairs().update(walk.rows("accel"), walk.rows("gyro"))
     try:
-        states = navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7], ADAPTIVE)
+        states = navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7], REWEIGHTED)
     except RecordingError as error:
         raise RecordingError(f"stream 'stride' cannot be computed: {error}") from error
     rows, spec = find_strides(states).rows(), sensor_spec("stride")
