@@ -1,4 +1,4 @@
-"""What people bring and take: formats of recordings and plans, derived streams, task files, replays, exchange."""
+"""What people bring and take: formats of recordings and plans, derived streams, task files, replays, exports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ COMMANDS: Final = {
     "try": "pdrbench_formats.commands.try_:try_",
     "map": "pdrbench_formats.commands.map:app",
     "replay": "pdrbench_formats.commands.replay:replay",
-    "evaal": "pdrbench_formats.commands.evaal:app",
 }
 
 # What the core asks for by name: it reads no format itself.
@@ -19,7 +18,6 @@ EXCHANGES: Final = {
     "pack": "pdrbench_formats.taskfile.pack:pack",
     "fetch_pack": "pdrbench_formats.taskfile.pack:fetch_pack",
     "derived": "pdrbench_formats.derive:derived_streams",
-    "minari": "pdrbench_formats.interop.minari_export:export_minari",
 }
 
 BENCHES: Final = {"readers": "pdrbench_formats.bench:run"}

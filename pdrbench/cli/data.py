@@ -1,4 +1,4 @@
-"""`pdrbench data list|fetch|verify|export-minari|pack`."""
+"""`pdrbench data list|fetch|verify|pack`."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from pdrbench.cli import list as listing
-from pdrbench.cli.options import Split, Walks
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
-from pdrbench.cli.ready import ready_environment
 from pdrbench.errors import DatasetError
-from pdrbench.registry import EXCHANGES_GROUP, find_entry, make_task, task_place
+from pdrbench.registry import EXCHANGES_GROUP, find_entry, task_place
 
 app = typer.Typer(no_args_is_help=True, help="List, fetch and verify recorded datasets.")
 app.command("list")(listing.datasets)
@@ -65,28 +63,6 @@ def fetch(
         note(f"{name}: licence {dataset(name).licence}. {dataset(name).licence_note}")
     if as_json:
         print_json({"datasets": answers})
-
-
-@app.command("export-minari")
-def export(
-    env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment.")],
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", file_okay=False, help="Of Minari datasets.")],
-    split: Split = "train",
-    walks: Walks = None,
-    as_json: AsJson = False,
-) -> None:
-    """Write the walks of an environment as a Minari dataset, the reference as actions.
-
-    Read it with MINARI_DATASETS_PATH=FOLDER and `minari.load_dataset`.
-    """
-    export_minari = find_entry(EXCHANGES_GROUP, "exchange", "minari").load()
-    with answer_only(as_json), _progress(env) as progress:
-        task = make_task(ready_environment(env, split))
-        dataset_id = export_minari(task, folder, split=split, walks=walks, progress=progress)
-    if as_json:
-        print_json({"id": dataset_id, "folder": folder})
-    else:
-        say(dataset_id)
 
 
 def _fetch_packed(urls: list[str], sha256: str | None, as_json: bool) -> None:

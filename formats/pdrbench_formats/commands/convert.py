@@ -19,7 +19,7 @@ from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench_formats.commands.inspect import COLUMNS_HELP, FORMAT_HELP, TABLE, read_thing
-from pdrbench_formats.interop.export import FORMATS
+from pdrbench_formats.export import FORMATS
 
 
 def convert(

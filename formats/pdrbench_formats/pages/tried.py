@@ -12,7 +12,7 @@ import numpy as np
 from pdrbench.picture import styles_of
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import UNSUITABLE, Result
-from pdrbench_formats.interop.export import FORMATS, write_path
+from pdrbench_formats.export import FORMATS, write_path
 from pdrbench_formats.taskfile import Walks
 
 DPI: Final = 160

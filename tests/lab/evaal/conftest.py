@@ -15,8 +15,8 @@ from pdrbench.result import Result
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_formats.interop.server import TrialServer, make_trials
-from pdrbench_formats.interop.trial import Trial
+from pdrbench_evaal.server import TrialServer, make_trials
+from pdrbench_evaal.trial import Trial
 
 LENGTH_S = 12.0
 PHONE = {"accel": 16, "gyro": 16, "mag": 16, "rotation": 16, "baro": 8, "wifi": 3, "ble": 8}

@@ -13,7 +13,7 @@ import pytest
 from pdrbench.errors import PdrbenchError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.trajectory import Estimates, Trajectory
-from pdrbench_formats.interop.export import FORMATS, write_path
+from pdrbench_formats.export import FORMATS, write_path
 
 GEO = GeoFrame(49.46, 11.11)
 NAN = np.nan

@@ -25,9 +25,9 @@ from pdrbench.geometry import FloatArray
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
-from pdrbench_formats.interop.places import LOCAL_PLACES, PlaceFormat
-from pdrbench_formats.interop.records import to_lines
-from pdrbench_formats.interop.trial import FINISHED, STANDARD_RULES, TEXT, Reply, Rules, Trial
+from pdrbench_evaal.places import LOCAL_PLACES, PlaceFormat
+from pdrbench_evaal.records import to_lines
+from pdrbench_evaal.trial import FINISHED, STANDARD_RULES, TEXT, Reply, Rules, Trial
 
 LOCALHOST: Final = "127.0.0.1"
 SERVER_NAME: Final = "pdrbench"  # begins the header `Server`: a client learns from it how senders are named

@@ -11,8 +11,8 @@ import pytest
 
 from pdrbench.errors import EstimateError, PdrbenchError
 from pdrbench.io.geo import GeoFrame
-from pdrbench_formats.interop.places import PlaceFormat
-from pdrbench_formats.interop.trial import Rules, Trial
+from pdrbench_evaal.places import PlaceFormat
+from pdrbench_evaal.trial import Rules, Trial
 
 TRANSCRIPT = Path(__file__).with_name("transcript.txt")
 T_S = [0.015, 0.515, 1.015, 2.5]

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from pdrbench.localizer import Briefing
     from pdrbench.result import Result
     from pdrbench.task import Task
-    from pdrbench_formats.interop.client import TrialState
-    from pdrbench_formats.interop.places import PlaceFormat
-    from pdrbench_formats.interop.trial import Trial
+    from pdrbench_evaal.client import TrialState
+    from pdrbench_evaal.places import PlaceFormat
+    from pdrbench_evaal.trial import Trial
 
 app = typer.Typer(no_args_is_help=True, help="Play trials of an EvAAL server, or serve an environment as one.")
 
@@ -92,7 +92,7 @@ def play(
     """Play one trial of a server with a localizer; exit 1 where it timed out."""
     from pdrbench.evaluation.randomness import generator
     from pdrbench.registry import make_task
-    from pdrbench_formats.interop.client import TrialClient, play_trial
+    from pdrbench_evaal.client import TrialClient, play_trial
 
     with answer_only(as_json):
         check_localizer_exists(localizer, isolation)
@@ -129,7 +129,7 @@ def play(
 def _place_format(positions: str, origin: str | None, start: str = "") -> PlaceFormat:
     """The format; in degrees and without an origin, that is the start, where a position there is given."""
     from pdrbench.io.geo import GeoFrame
-    from pdrbench_formats.interop.places import PlaceFormat, frame_at_place
+    from pdrbench_evaal.places import PlaceFormat, frame_at_place
 
     names = tuple(positions.split(","))
     if origin is None:
@@ -230,8 +230,8 @@ def serve(
     A trial has the name of its walk. Those of the test split are scoring trials, which are played once.
     """
     from pdrbench.registry import make_task
-    from pdrbench_formats.interop.server import TrialServer, make_trials, store_result
-    from pdrbench_formats.interop.trial import Rules
+    from pdrbench_evaal.server import TrialServer, make_trials, store_result
+    from pdrbench_evaal.trial import Rules
 
     named = ready_environment(env, split)
     task = make_task(named)

@@ -15,11 +15,11 @@ from pdrbench.episode import Episode, play
 from pdrbench.io.geo import GeoFrame
 from pdrbench.registry import make_localizer, make_task
 from pdrbench.sensors import sensor_spec
-from pdrbench_formats.interop.client import EvaalError, TrialClient, play_trial
-from pdrbench_formats.interop.places import PlaceFormat
-from pdrbench_formats.interop.records import RecordReader, plain_number, to_lines
-from pdrbench_formats.interop.server import MAX_BODY_BYTES, store_result
-from pdrbench_formats.interop.trial import Rules
+from pdrbench_evaal.client import EvaalError, TrialClient, play_trial
+from pdrbench_evaal.places import PlaceFormat
+from pdrbench_evaal.records import RecordReader, plain_number, to_lines
+from pdrbench_evaal.server import MAX_BODY_BYTES, store_result
+from pdrbench_evaal.trial import Rules
 
 DEGREES = PlaceFormat(("lon", "lat", "level"), GeoFrame(49.46, 11.11))
 

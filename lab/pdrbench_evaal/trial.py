@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from pdrbench.errors import EstimateError, PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench_formats.interop.places import PlaceFormat
+from pdrbench_evaal.places import PlaceFormat
 
 NONSTARTED, RUNNING, FINISHED, TIMEOUT = "nonstarted", "running", "finished", "timeout"
 DEFAULT_HORIZON_S: Final = 0.5
