@@ -13,14 +13,17 @@ The settings stand in `localizer.toml`, or under `[tool.pdrbench]` in `pyproject
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import importlib
 import os
 import re
 import sys
 import tomllib
+import types
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, ExtensionFileLoader, FileFinder, SourceFileLoader
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -82,6 +85,7 @@ class FolderTarget:
     def load(self) -> Any:
         """Imports the module, from the folder; raises `PluginError`."""
         packages = [] if self.packages is None else [str(self.packages)]
+        _compile_anew(tuple(self.roots))
         sys.path[:0] = [root for root in (*self.roots, *packages) if root not in sys.path]
         try:
             module = importlib.import_module(self.module)
@@ -100,6 +104,32 @@ class FolderTarget:
                 f"{self.folder}: another module named {self.module!r} is loaded already, {module.__file__}; "
                 f"give that of the folder another name"
             )
+        return found
+
+
+@functools.cache
+def _compile_anew(roots: tuple[str, ...]) -> None:
+    """Lets modules in these folders be compiled from their sources whenever they are imported.
+
+    Compiled bytes of a file that was edited twice within a second would be those of the first edit.
+    """
+
+    def finder(place: str) -> FileFinder:
+        if not any(Path(place).is_relative_to(root) for root in roots):
+            raise ImportError(place)
+        return FileFinder(place, (ExtensionFileLoader, EXTENSION_SUFFIXES), (_SourceLoader, SOURCE_SUFFIXES))
+
+    sys.path_hooks.insert(0, finder)
+    for place in [place for place in sys.path_importer_cache if any(place.startswith(root) for root in roots)]:
+        del sys.path_importer_cache[place]
+
+
+class _SourceLoader(SourceFileLoader):
+    """Neither reads nor writes compiled bytes."""
+
+    def get_code(self, fullname: str) -> types.CodeType:
+        path = self.get_filename(fullname)
+        found: types.CodeType = self.source_to_code(self.get_data(path), path)
         return found
 
 

@@ -22,6 +22,16 @@ from pdrbench.errors import PdrbenchError, UnknownNameError, unknown_name
 from pdrbench.errors import PluginError as PluginError
 from pdrbench.localizer import Localizer
 from pdrbench.localizer_folder import SETTINGS_FILE, find_target, neighbour_of, parse_target
+from pdrbench.settings import (
+    MARK,
+    PARAMS,
+    SettingsError,
+    canonical_query,
+    join_name,
+    read_query,
+    sorted_query,
+    split_name,
+)
 from pdrbench.task import Task, commitment
 
 ENVIRONMENTS_GROUP = "pdrbench.environments"
@@ -40,6 +50,7 @@ Thing = TypeVar("Thing")
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench_leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
 PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
+OURS = "pdrbench"  # the distribution whose localizers may be loaded into any process
 TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench_formats.taskfile`
 
 
@@ -47,7 +58,7 @@ TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdr
 class PluginEntry:
     """One registered name."""
 
-    id: str  # name, for an environment or a localizer `Name-vN`
+    id: str  # name, for an environment `Name-vN`
     target: Any  # `package.module:attribute`, or the record itself where a table holds records
     package: str  # distribution that registered it
 
@@ -144,11 +155,11 @@ def find_entry(group: str, kind: str, name: str) -> PluginEntry:
     Raises:
         UnknownNameError: No package registered it; names its new id where it was renamed, else the nearest name.
     """
-    if name in renamed(group):
-        raise UnknownNameError(f"the {kind} {name!r} has another id now: {current_id(group, name)!r}")
-    if name not in entries(group):
-        raise unknown_name(kind, name, entries(group), broken(group))
-    return entries(group)[name]
+    if name in entries(group):
+        return entries(group)[name]
+    if now := successor(group, name):
+        raise UnknownNameError(f"no {kind} named {name!r}: {name!r} is now {now!r}")
+    raise unknown_name(kind, name, entries(group), broken(group))
 
 
 def renamed(group: str) -> Mapping[str, str]:
@@ -157,8 +168,26 @@ def renamed(group: str) -> Mapping[str, str]:
 
 
 def current_id(group: str, name: str) -> str:
-    """The id that stands for this one now; the same where it was never renamed."""
+    """The id that stands for this one now; the same where no table names a new one."""
     return renamed(group).get(name, name)
+
+
+def successor(group: str, name: str) -> str:
+    """The id that stands now for a former one; empty where no rule knows it.
+
+    A table names it with a target `renamed:`, which may have settings. Without that, `name-v0` is now `name`, and
+    `Name-v1` the newest `Name-vN`.
+    """
+    stem, _, number = name.rpartition("-v")
+    if name in renamed(group):
+        return renamed(group)[name]
+    if not (stem and number.isdecimal()):
+        return ""
+    if stem in entries(group):
+        return stem
+    numbers = [other.rpartition("-v")[2] for other in entries(group) if other.rpartition("-v")[0] == stem]
+    newest = max(map(int, filter(str.isdecimal, numbers)), default=-1)
+    return f"{stem}-v{newest}" if newest > int(number) else renamed(group).get(stem, "")
 
 
 def broken(group: str) -> Mapping[str, str]:
@@ -330,50 +359,106 @@ def pins_in(folder: Path) -> Mapping[str, Pin]:
 def load_localizer(name: str) -> type:
     """The class behind a localizer id, `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`.
 
+    Settings may follow, as in `li2012?map=false`: they are checked, and `make_localizer` makes use of them.
+
     Raises:
         UnknownNameError: It is not registered.
         PluginError: It does not load.
+        SettingsError: It does not have these settings.
     """
+    plain, query = split_name(name)
+    found = _load_plain(plain, query)
+    if not callable(found):
+        raise PluginError(f"{plain} is {type(found).__name__}, not a class that makes localizers")
+    if query:
+        read_query(found, query, plain)
+    return found  # type: ignore[no-any-return]
+
+
+def _load_plain(name: str, query: str) -> Any:
     place, _, attribute = name.partition(":")
     if (target := parse_target(name)) is not None:
-        found = target.load()
-    elif place.endswith(".py"):
+        return target.load()
+    if place.endswith(".py"):
         if not attribute:
             raise PluginError(f"{name} names a file and no class in it; write {place}:Class")
-        found = _load_file(Path(place), attribute)
-    elif place and attribute:
-        found = _load_target(name, name)
-    elif name not in localizers() and (target := find_target(name)) is not None:
-        found = target.load()
-    else:
-        found = find_entry(LOCALIZERS_GROUP, "localizer", name).load()
-    if not callable(found):
-        raise PluginError(f"{name} is {type(found).__name__}, not a class that makes localizers")
-    return found  # type: ignore[no-any-return]
+        return _load_file(Path(place), attribute)
+    if place and attribute:
+        return _load_target(name, name)
+    if name not in localizers() and (target := find_target(name)) is not None:
+        return target.load()
+    return localizer_entry(name, query).load()
+
+
+def localizer_entry(name: str, query: str = "") -> PluginEntry:
+    """The entry of a registered localizer; `query` are settings that the error for a former id repeats.
+
+    Raises:
+        UnknownNameError: It is not registered.
+    """
+    try:
+        return find_entry(LOCALIZERS_GROUP, "localizer", name)
+    except UnknownNameError:
+        if not (query and (now := successor(LOCALIZERS_GROUP, name))):
+            raise
+        plain, more = split_name(now)
+        whole = join_name(plain, "&".join(filter(None, (more, query))))
+        former = join_name(name, query)
+        raise UnknownNameError(f"no localizer named {former!r}: {former!r} is now {whole!r}") from None
 
 
 def make_localizer(name: str, **parameters: Any) -> Localizer:
     """A new localizer; its name and what is raised are as for `load_localizer`."""
-    localizer = load_localizer(name)(**parameters)
+    plain, query = split_name(name)
+    make = load_localizer(name)
+    if query and PARAMS in parameters:
+        raise SettingsError(f"{name!r} has settings in its name, and {PARAMS} besides; leave one of them out")
+    if query:
+        parameters[PARAMS] = read_query(make, query, plain)
+    localizer = make(**parameters)
     if not isinstance(localizer, Localizer):
         raise PluginError(f"{name} lacks reset(briefing, rng) or step(observation)")
     return localizer
+
+
+def canonical_localizer(name: str, *, loads: bool | None = None) -> str:
+    """The name under which a localizer is stored and shown: settings sorted, without those that are the defaults.
+
+    Args:
+        name: As for `load_localizer`.
+        loads: Whether its class may be loaded into this process; None: where it comes with pdrbench. The settings of a
+            class that is not loaded are sorted only.
+
+    Raises:
+        SettingsError: As `load_localizer` where it is loaded, else where settings are not written `field=value`.
+    """
+    plain, query = split_name(name)
+    if not query:
+        return name.removesuffix(MARK)
+    entry = localizers().get(plain)
+    if entry is None and successor(LOCALIZERS_GROUP, plain):
+        localizer_entry(plain, query)  # raises, and names the id of today
+    is_loaded = loads if loads is not None else entry is not None and entry.package == OURS
+    found = canonical_query(load_localizer(name), query, plain) if is_loaded else sorted_query(query)
+    return join_name(plain, found)
 
 
 def _load_file(path: Path, attribute: str) -> Any:
     """An attribute of a file outside any package, executed once per content."""
     if not path.is_file():
         raise PluginError(f"no file {path}; name an id, package.module:name or path/to/file.py:name")
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    source = path.read_bytes()
+    digest = hashlib.sha256(source).hexdigest()[:16]
     module_name = f"_pdrbench_file_{path.stem}_{digest}"
     if module_name not in sys.modules:
         spec = importlib.util.spec_from_file_location(module_name, path)
-        if spec is None or spec.loader is None:
+        if spec is None:
             raise PluginError(f"{path} is not Python source")
         module = importlib.util.module_from_spec(spec)
         sys.modules[module_name] = module
         try:
-            spec.loader.exec_module(module)
+            # Compiled bytes of a file that was edited twice within a second would be those of the first edit
+            exec(compile(source, path, "exec", dont_inherit=True), module.__dict__)
         except BaseException as error:
             del sys.modules[module_name]
             if isinstance(error, ModuleNotFoundError) and neighbour_of(path, error.name):

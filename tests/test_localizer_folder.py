@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
+import subprocess
 import sys
 import textwrap
 from pathlib import Path
@@ -290,3 +292,14 @@ def test_a_folder_that_cannot_be_run_is_an_error_before_any_walk(folder: Path) -
     settings(folder, "entry = 'other.py:Net'")
     with pytest.raises(PdrbenchError, match="its entry is not found"):
         evaluate(str(folder), ENV, split="val", seeds=1, walks=1)
+
+
+def test_a_second_edit_within_a_second_is_the_one_that_runs(folder: Path) -> None:
+    load = "import sys; from pdrbench.registry import load_localizer; load_localizer(sys.argv[1])"
+    program = f"{load}; import model; print(model.number)"
+    text = (folder / "model.py").read_text()
+    for number in ("5", "6"):  # the same size, and the same time of change
+        (folder / "model.py").write_text(text.replace("number = 5", f"number = {number}"))
+        os.utime(folder / "model.py", (1e9, 1e9))
+        ran = subprocess.run([sys.executable, "-c", program, str(folder)], capture_output=True, text=True, check=True)
+        assert ran.stdout.strip() == number

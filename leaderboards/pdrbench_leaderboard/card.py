@@ -20,7 +20,7 @@ from pdrbench_leaderboard.schema import Line, Passage, Remark, read_toml
 CARD_FILE: Final = "card.toml"
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
 
-Id = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}-v[0-9]{1,4}\Z")]
+Id = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}(\?[!-~]{1,200})?\Z")]
 Url = Annotated[str, msgspec.Meta(pattern=r"^(https?://[^\s<>\"']{1,300})?\Z")]
 
 

@@ -26,7 +26,10 @@ def complete_localizer(incomplete: str) -> list[str]:
     return [name for name in localizers() if name.startswith(incomplete)]
 
 
-LOCALIZER_HELP = "Registered id, package.module:Class, path/to/file.py:Class or path/to/folder."
+LOCALIZER_HELP = (
+    "Registered id, package.module:Class, path/to/file.py:Class or path/to/folder, with settings where wanted: "
+    "'li2012?map=false'."
+)
 
 Split = Annotated[
     str | None,

@@ -56,17 +56,21 @@ def check_localizer_exists(name: str, isolation: str) -> type | None:
 
     Raises:
         UnknownNameError: It is not registered.
+        SettingsError: It does not have the settings in its name.
         PluginError: It does not load, or there is no such file or module.
     """
     from pdrbench.evaluation.sources import localizer_target, target_sha256
     from pdrbench.localizer_folder import find_target
-    from pdrbench.registry import load_localizer, localizers
+    from pdrbench.registry import canonical_localizer, load_localizer, localizers
+    from pdrbench.settings import split_name
 
-    entry = localizers().get(name)
-    is_foreign = entry is None and (":" in name or find_target(name) is not None)
+    plain = split_name(name)[0]
+    entry = localizers().get(plain)
+    is_foreign = entry is None and (":" in plain or find_target(plain) is not None)
     if isolation == "none" or (entry is None and not is_foreign) or (entry is not None and entry.package == OURS):
         return load_localizer(name)
     target_sha256(localizer_target(name))
+    canonical_localizer(name)
     return None
 
 
@@ -89,7 +93,7 @@ def newest_versions(names: Iterable[str]) -> dict[str, str]:
 
 
 def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: str = "auto") -> tuple[str, ...]:
-    """Those named, or the newest version of every registered one; says which are left out and why.
+    """Those named, or every registered one; says which are left out and why.
 
     Raises:
         UnknownNameError: No such localizer.
@@ -108,16 +112,12 @@ def sorted_out(
     named: Sequence[str] | None, split: str | None, isolation: str = "auto"
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Localizers to run, and the reason by name of those that are left out; raises as `ready_localizers`."""
-    from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken
+    from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken, canonical_localizer
     from pdrbench.registry import localizers as registered
 
     chosen = []
     reasons = {} if named else {name: f"{BROKEN}: {why}" for name, why in broken(LOCALIZERS_GROUP).items()}
-    newest = {} if named else newest_versions(registered())
     for name in dict.fromkeys(named or registered()):
-        if newer := newest.get(name):
-            reasons[name] = f"{newer} is newer; name it to run it"
-            continue
         try:
             found = check_localizer_exists(name, isolation)
         except PluginError as error:
@@ -131,8 +131,8 @@ def sorted_out(
                 f"it runs with --split train, and in `pdrbench check env`"
             )
             continue
-        chosen.append(name)
-    return tuple(chosen), reasons
+        chosen.append(canonical_localizer(name, loads=True if isolation == "none" else None))
+    return tuple(dict.fromkeys(chosen)), reasons
 
 
 def suited_localizers(
@@ -166,7 +166,7 @@ def suited_localizers(
             for name, reason in why.items():
                 note(f"left out: {name} on {task.id}: {reason}")
         elif count := len(why) + len(reasons) - len(listed):
-            note(f"left out: {count} localizers that do not suit {task.id} or have a newer version; --all names them")
+            note(f"left out: {count} localizers that do not suit {task.id}; --all names them")
         if suited := [name for name in chosen if name not in why]:
             found[env] = suited
     if not found:

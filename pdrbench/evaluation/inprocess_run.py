@@ -21,6 +21,7 @@ from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, make_localizer
 from pdrbench.result import FAILED, UNSUITABLE, Result
+from pdrbench.settings import with_settings_of
 
 
 def compute_in_process(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
@@ -33,7 +34,7 @@ def _play(job: WalkJob, memory: dict[str, Any]) -> Result:
     episode = load_walk(job, memory)
     deadlines = Deadlines(job.budget, episode.task.period_s)
     provenance = provenance_of(job) | {"isolation": {"mode": NONE, "held": [], "missing": {}}}
-    spec = job.target if job.target.partition(":")[0].endswith((".py", "/")) else job.localizer
+    spec = with_settings_of(job.localizer, job.target)
     rng = generator(job.seed, episode.task, job.walk, job.nonce)
     status = FAILED
     deadlines.start()

@@ -13,7 +13,8 @@ from typing import Final
 from pdrbench.evaluation.code import closure_sha256, files_sha256, package_sha256
 from pdrbench.isolation.read_permissions import environment_packages
 from pdrbench.localizer_folder import find_target, installed_sha256, list_files, parse_target, read_settings
-from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry, localizers, task_place
+from pdrbench.registry import PluginError, environments, localizer_entry, localizers, task_place
+from pdrbench.settings import split_name
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "metrics", "picture", "report"})
@@ -61,7 +62,7 @@ def environment_sha256(env: str) -> str:
 
 
 def localizer_target(name: str) -> str:
-    """Where the class of a localizer is defined, without importing it.
+    """Where the class of a localizer is defined, without importing it; settings in its name are left out.
 
     Returns:
         `module:Class`, `/absolute/file.py:Class`, or the text of a `FolderTarget`.
@@ -70,12 +71,13 @@ def localizer_target(name: str) -> str:
         UnknownNameError: It is not registered.
         PluginError: It is a folder that cannot be run.
     """
+    name, query = split_name(name)
     if name not in localizers() and (folder := find_target(name)) is not None:
         return str(folder)
     place, _, attribute = name.partition(":")
     if attribute and place.endswith(".py"):
         return f"{Path(place).absolute()}:{attribute}"
-    return name if attribute else find_entry(LOCALIZERS_GROUP, "localizer", name).target
+    return name if attribute else localizer_entry(name, query).target
 
 
 def target_sha256(target: str) -> str:

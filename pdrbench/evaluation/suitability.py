@@ -25,6 +25,7 @@ from pdrbench.localizer import Briefing
 from pdrbench.radio import survey_of_table
 from pdrbench.recording import MagneticMap
 from pdrbench.registry import localizers, make_task
+from pdrbench.settings import split_name
 
 TRUSTED: Final = "pdrbench"  # the distribution whose localizers may run in this process
 ROOM_M: Final = 5.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -45,17 +46,18 @@ def declining(names: Iterable[str], env: str, split: str) -> dict[str, str]:
     """
     task = make_task(env)
     walks = task.split(split)[:TRIED_WALKS]
-    specs = [name for name in names if name in localizers() and localizers()[name].package == TRUSTED]
+    known = localizers()
+    specs = [name for name in names if (entry := known.get(split_name(name)[0])) and entry.package == TRUSTED]
     # What another environment of Python has installed decides too, such as an optional dependency
     installed = sorted(path.name for place in sys.path for path in Path(place or ".").glob("*.dist-info"))
     identities = [[walk, task.walk_identity(walk)] for walk in walks]
     common = [environment_sha256(env), core_sha256(), installed, split, task.id, identities]
-    keys = {spec: _key(localizer_target(spec), target_sha256(localizer_target(spec)), common) for spec in specs}
-    known = _remembered()
-    if todo := [spec for spec in specs if keys[spec] not in known]:
-        known |= {keys[spec]: why for spec, why in _tried(todo, env, split, walks).items()}
-        _remember(known)
-    return {spec: known[keys[spec]] for spec in specs if known[keys[spec]]}
+    keys = {spec: _key(spec, localizer_target(spec), target_sha256(localizer_target(spec)), common) for spec in specs}
+    reasons = _remembered()
+    if todo := [spec for spec in specs if keys[spec] not in reasons]:
+        reasons |= {keys[spec]: why for spec, why in _tried(todo, env, split, walks).items()}
+        _remember(reasons)
+    return {spec: reasons[keys[spec]] for spec in specs if reasons[keys[spec]]}
 
 
 def _tried(specs: Sequence[str], env: str, split: str, walks: Iterable[str]) -> dict[str, str]:

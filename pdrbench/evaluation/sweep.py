@@ -25,6 +25,7 @@ from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
 from pdrbench.isolation.budget import Budget, SuiteBudget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.isolation.spawned import NOT_CONFINED, announce
+from pdrbench.registry import canonical_localizer
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
 
@@ -59,8 +60,8 @@ def evaluate(
     machines see.
 
     Args:
-        localizers: Ids, `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`; by environment where they
-            differ.
+        localizers: Ids, `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`, with settings where
+            wanted, as `li2012?map=false`; by environment where they differ.
         envs: Environment ids.
         split: "train", "val", "test" or "heldout"; None: "test", but "val" of a sealed environment. A localizer that
             needs the truth is unsuitable for the last two.
@@ -91,7 +92,8 @@ def evaluate(
     """
     names = _listed(envs)
     by_env = localizers if isinstance(localizers, Mapping) else dict.fromkeys(names, localizers)
-    specs = {env: _listed(by_env[env]) for env in names}
+    loads = True if isolation == NONE else None
+    specs = {env: _canonical(_listed(by_env[env]), loads) for env in names}
     check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
     if (secret is None) == (split == HELD_OUT):
         raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
@@ -167,11 +169,16 @@ def _drawing(
 def _listed(names: str | Sequence[str]) -> list[str]:
     """Without duplicates, in order."""
     if isinstance(names, type) or not all(isinstance(name, str) for name in names):
-        raise PdrbenchError(f"localizers and environments are named, as 'stay-v0' or 'file.py:Class'; got {names!r}")
+        raise PdrbenchError(f"localizers and environments are named, as 'stay' or 'file.py:Class'; got {names!r}")
     listed = list(dict.fromkeys([names] if isinstance(names, str) else names))
     if not listed:
         raise PdrbenchError("evaluate needs at least one localizer and one environment")
     return listed
+
+
+def _canonical(names: Sequence[str], loads: bool | None) -> list[str]:
+    """Names under which results are stored, each once."""
+    return list(dict.fromkeys(canonical_localizer(name, loads=loads) for name in names))
 
 
 def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:

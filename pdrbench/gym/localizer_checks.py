@@ -7,7 +7,7 @@ import functools
 import random  # noqa: TID251  its state is looked at, not used
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from pdrbench.gym.checking import (
 from pdrbench.isolation.watched import Watched
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.recording import Recording, SensorStream
-from pdrbench.registry import environments, load_localizer, make_task
+from pdrbench.registry import environments, make_localizer, make_task
 from pdrbench.result import COMPLETE, OFFLINE, UNSUITABLE, Result
 from pdrbench.task import SPLITS, Task
 
@@ -53,7 +53,7 @@ def check_localizer(
     """
 
     def make() -> Localizer:
-        return cast(Localizer, (load_localizer(localizer) if isinstance(localizer, str) else localizer)())
+        return make_localizer(localizer) if isinstance(localizer, str) else localizer()
 
     first = run_check("can be made", lambda: _require_methods(make()))
     if not first.passed:

@@ -32,6 +32,7 @@ from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.isolation.serialise import pack_generator
 from pdrbench.isolation.spawned import SpawnedProcess
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.settings import with_settings_of
 from pdrbench.trajectory import Trajectory
 
 Isolation = Literal["auto", "confined", "process", "none"]
@@ -71,7 +72,7 @@ class IsolatedLocalizer:
     """Makes a localizer in a child process and passes every call on to it: `start` first, `close` last.
 
     Args:
-        localizer: As the user named it.
+        localizer: As the user named it, with its settings.
         target: Where its class is: `module:Class` or `/absolute/file.py:Class`.
         parameters: Keyword arguments of the class, as JSON can hold them.
         terms: Conditions under which it runs.
@@ -135,7 +136,8 @@ class IsolatedLocalizer:
         else:
             self._child = SpawnedProcess(terms.limits, permissions)
         self._receive_protections(self._child, began_s)
-        made = messages.Construct(self._next(), self._target, json.dumps(self._parameters), self._is_watched)
+        spec = with_settings_of(self._name, self._target)
+        made = messages.Construct(self._next(), spec, json.dumps(self._parameters), self._is_watched)
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
         if ready.asks_for_truth and self._reference_follows:
             self.tell = self._tell

@@ -29,6 +29,7 @@ from pdrbench.registry import (
     environments,
     localizers,
 )
+from pdrbench.settings import split_name
 
 HOME: Final = Path(__file__).parents[1]
 NAME: Final = HOME.name  # of this package, and of its distribution
@@ -84,14 +85,14 @@ def permissions_of(localizer: str, target: str) -> ReadPermissions:
     """What the process of a localizer may open.
 
     Args:
-        localizer: As the user named it.
+        localizer: As the user named it; settings in it do not count.
         target: Where its class is, as `localizer_target` returns it.
 
     Raises:
         PluginError: It is a folder that cannot be run, or its package also registers environments, which no localizer
             may read.
     """
-    return _permissions(localizer, target, _files_of_folder(target), tuple(sys.path), numba_cache())
+    return _permissions(split_name(localizer)[0], target, _files_of_folder(target), tuple(sys.path), numba_cache())
 
 
 def _files_of_folder(target: str) -> tuple[tuple[str, int], ...]:
