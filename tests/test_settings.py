@@ -9,8 +9,15 @@ import pytest
 from pdrbench import registry
 from pdrbench.errors import UnknownNameError
 from pdrbench.evaluation import evaluate
-from pdrbench.registry import ENVIRONMENTS_GROUP, LOCALIZERS_GROUP, PluginEntry
-from pdrbench.registry import canonical_localizer, load_localizer, make_localizer, make_task
+from pdrbench.registry import (
+    ENVIRONMENTS_GROUP,
+    LOCALIZERS_GROUP,
+    PluginEntry,
+    canonical_localizer,
+    load_localizer,
+    make_localizer,
+    make_task,
+)
 from pdrbench.settings import SettingsError, sorted_query
 
 FILE = """
