@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 COMMANDS: Final = {
@@ -22,20 +23,19 @@ EXCHANGES: Final = {
 
 BENCHES: Final = {"readers": "pdrbench_formats.bench:run"}
 
+# Apps whose tables differ by their names only: each TOML file there is one.
+_APPS: Final = sorted(path.stem for path in (Path(__file__).parent / "recordings").glob("*.toml"))
+
 READERS: Final = {
     "getsensordata": "pdrbench_formats.recordings.getsensordata:READER",
     "sensor_logger": "pdrbench_formats.recordings.sensor_logger:READER",
     "phyphox": "pdrbench_formats.recordings.phyphox:READER",
-    "androsensor": "pdrbench_formats.recordings.androsensor:READER",
-    "sensorlog": "pdrbench_formats.recordings.sensorlog:READER",
+    **{name: f"pdrbench_formats.recordings.apps:{name}" for name in _APPS},
     "xsens": "pdrbench_formats.recordings.xsens:READER",
-    "ridi": "pdrbench_formats.recordings.ridi:READER",
     "oxiod": "pdrbench_formats.recordings.oxiod:READER",
     "euroc": "pdrbench_formats.recordings.euroc:READER",
     "ros": "pdrbench_formats.recordings.ros:READER",
     "ronin": "pdrbench_formats.recordings.ronin:READER",
-    "matlab_mobile": "pdrbench_formats.recordings.matlab_mobile:READER",
-    "xio": "pdrbench_formats.recordings.xio:READER",
     "geojson_plan": "pdrbench_formats.maps.geojson_plan:READER",  # before csv: features on lines are no table
     "csv": "pdrbench_formats.recordings.csv_columns:READER",
     "other_program": "pdrbench_formats.recordings.other_program:READER",

@@ -134,7 +134,7 @@ class TestBadInput:
 
     def test_a_timetable_of_matlab_is_refused_with_the_way_out(self, tmp_path: Path) -> None:
         path = samples.matlab_mobile(tmp_path, {})
-        assert detect(path) == "matlab_mobile"
+        assert detect(path) == "other_program"
         with pytest.raises(RecordingError, match="writetable"):
             read(path)
 

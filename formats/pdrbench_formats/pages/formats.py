@@ -9,6 +9,7 @@ from typing import Final
 
 from pdrbench.io import READERS
 from pdrbench.report.docstrings import first_sentence
+from pdrbench_formats.recordings.apps import FOLDER, app_names, app_of
 
 FACTS: Final = ("App", "Files", "Sensors", "Units", "Frame", "Clock", "Traps")
 _FACT: Final = re.compile(rf"^({'|'.join(FACTS)}): ", re.M)
@@ -20,6 +21,8 @@ def format_facts(name: str) -> dict[str, str]:
     >>> format_facts("phyphox")["App"]
     'phyphox 1.x (iOS, Android).'
     """
+    if name in app_names():
+        return app_of(FOLDER / f"{name}.toml").facts()
     parts = _FACT.split(_docstring(name))[1:]
     return {key: " ".join(text.split()) for key, text in zip(parts[::2], parts[1::2], strict=True)}
 
@@ -29,7 +32,8 @@ def formats_page() -> str:
     sections, others = [], []
     for name in READERS:
         facts = format_facts(name)
-        title = first_sentence(_docstring(name)).rstrip(".")
+        is_app = name in app_names()
+        title = app_of(FOLDER / f"{name}.toml").title if is_app else first_sentence(_docstring(name)).rstrip(".")
         if facts:
             rows = [f"| {key} | {facts[key].replace('|', chr(92) + '|')} |" for key in FACTS[1:] if key in facts]
             sections.append("\n".join([f"### {name}", "", f"{title}. {facts['App']}", "", "| | |", "|---|---|", *rows]))

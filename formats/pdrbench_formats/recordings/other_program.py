@@ -1,6 +1,6 @@
 """What other programs keep: recognised, and refused with what to export instead.
 
-App: Excel, SQLite, MATLAB, Parquet, archives, saved states of apps.
+App: Excel, SQLite, MATLAB and MATLAB Mobile, Parquet, archives, saved states of apps.
 Files: workbooks, databases, MAT-files, `.mvnx`, `.mtb`, `.phyphox`, `.gpx`, `.kml` and the like.
 Sensors: none; the export as CSV gives them.
 Units: those of the export.
@@ -17,6 +17,13 @@ from pdrbench.errors import RecordingError
 from pdrbench.io.reader import Head, Reader, head_of
 
 _CSV: Final = "export the tables as CSV"
+_MATLAB: Final = (  # timetables, as MATLAB Mobile records them, are objects that MATLAB alone can read
+    "write a table with writetable in MATLAB; of a recording of MATLAB Mobile: "
+    "T = synchronize(Acceleration, AngularVelocity, 'union', 'linear'); "
+    "T.Properties.VariableNames = {'accel_x_mps2','accel_y_mps2','accel_z_mps2',"
+    "'gyro_x_radps','gyro_y_radps','gyro_z_radps'}; "
+    "T.t_s = seconds(T.Timestamp - T.Timestamp(1)); writetable(timetable2table(T), 'walk.csv')"
+)
 
 
 class _Kind(NamedTuple):
@@ -30,7 +37,8 @@ class _Kind(NamedTuple):
 _KINDS: Final = (
     _Kind(b"SQLite format 3\0", "an SQLite database", f"{_CSV}; from Sensor Logger, export the zip"),
     _Kind(b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls)", f"{_CSV}; from phyphox, choose CSV"),
-    _Kind(b"MATLAB 5.0 MAT-file", "a MAT-file", "write a table with writetable in MATLAB"),
+    _Kind(b"MATLAB 5.0 MAT-file", "a MAT-file", _MATLAB),
+    _Kind(b"MATLAB 7.3 MAT-file", "a MAT-file", _MATLAB),
     _Kind(b"\x89HDF\r\n\x1a\n", "an HDF5 file of no set that pdrbench knows", _CSV),
     _Kind(b"PAR1", "a Parquet file", _CSV),
     _Kind(b"ARROW1", "a Feather file", _CSV),
