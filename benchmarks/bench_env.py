@@ -84,7 +84,6 @@ def made_up_task() -> Task:
         tell_start=lambda recording: Start(xy_m=recording.reference.xy_m[0], level=0),
         licence="MIT",
         source="generated",
-        stated_sha256="0" * 64,
     )
 
 

@@ -41,7 +41,7 @@ def load(walk):
 
 def task():
     return Task("Still-v0", "Nothing moves.", "", (SPEC,), {"stride": 1}, 1.0, "pose", {"test": WALKS}, load,
-                lambda recording: Start(np.zeros(2), 0), "MIT", "generated", stated_sha256="still")
+                lambda recording: Start(np.zeros(2), 0), "MIT", "generated")
 """
 
 LOCALIZER = '''

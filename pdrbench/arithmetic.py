@@ -39,17 +39,6 @@ def same_everywhere() -> Mapping[str, str]:
     return {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
 
 
-def rounds_as_pinned() -> bool:
-    """Whether NumPy computes sines and exponentials with AVX-512, as it did where walks were pinned.
-
-    Elsewhere their last bit differs, and with it that of walks that are generated; recorded walks are the same.
-    """
-    from numpy.lib.introspect import opt_func_info
-
-    chosen = [of["current"] for of in opt_func_info(func_name="^sin$").get("sin", {}).values()]
-    return any("AVX512" in name or "X86_V4" in name for name in chosen)
-
-
 def compute_alike() -> None:
     """Sets them in this process, where the user has not set them."""
     for name, value in same_everywhere().items():

@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeVar
@@ -49,7 +49,6 @@ Thing = TypeVar("Thing")
 
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench_leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
-PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
 OURS = "pdrbench"  # the distribution whose localizers may be loaded into any process
 TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench_formats.taskfile`
 
@@ -74,16 +73,6 @@ class PluginEntry:
         spec = importlib.util.find_spec(self.target.partition(":")[0].partition(".")[0])
         places = [] if spec is None else [Path(place) for place in spec.submodule_search_locations or ()]
         return places[0] if places else None
-
-
-@dataclass(frozen=True, slots=True)
-class Pin:
-    """What is known of the walks of an environment, from `walks.json` of its package."""
-
-    walks: Mapping[str, str]  # digest of each walk, as `Task.computed_sha256` on the machine that wrote it
-    # Digests that `Task.sha256` had for the same walks in former versions of pdrbench: estimates that came with one of
-    # them are on the walks that are pinned
-    former_sha256: tuple[str, ...] = ()
 
 
 def _load_target(target: str, who: str) -> Any:
@@ -266,7 +255,7 @@ def make_task(name: str, secret: str | None = None) -> Task:
     if secret is None:
         return task
     held_out: Task = (task.held_out or functools.partial(_load_target(REPLAYED, task.id), task))(secret)
-    return replace(held_out, walk_sha256=task.walk_sha256)
+    return held_out
 
 
 def task_place(name: str) -> str | None:
@@ -333,27 +322,7 @@ def registered_task(name: str) -> Task:
     task = _checked_task(entry.load(), f"{who}: {entry.target}")
     if task.id != name:
         raise PluginError(f"{who}: its task calls itself {task.id!r}")
-    return replace(task, walk_sha256=pin.walks) if (pin := pin_of(name)) else task
-
-
-def pin_of(env: str) -> Pin | None:
-    """What the package of an environment has pinned of its walks; None where it has pinned nothing."""
-    folder = environments()[env].folder
-    return None if folder is None else pins_in(folder).get(env)
-
-
-@functools.cache
-def pins_in(folder: Path) -> Mapping[str, Pin]:
-    """What a package has pinned, by environment; raises `PluginError` where its file cannot be read."""
-    path = folder / PINS_FILE
-    if not path.is_file():
-        return {}
-    import msgspec
-
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=dict[str, Pin])
-    except (OSError, msgspec.DecodeError) as error:
-        raise PluginError(f"{path}: {error}; write it anew with `pdrbench submit pin`") from error
+    return task
 
 
 def load_localizer(name: str) -> type:

@@ -258,7 +258,7 @@ def replayed(task: Task, secret: str) -> Task:
                 f"{task.id} has no held-out walks: nothing says whether {unknown[0]!r} of the sensor {spec.name!r} "
                 f"turns with the map; call it as a column of a built-in sensor with the same meaning, as x_m and y_m"
             )
-    key = hmac.new(secret.encode(), (task.seed_name or task.id).encode(), hashlib.sha256).hexdigest()
+    key = hmac.new(secret.encode(), task.id.encode(), hashlib.sha256).hexdigest()
     tested = task.split("test")
     times = ("", "/2") if len(tested) < MIN_REPLAYS else ("",)
     inner = {f"{HELD_OUT}-{_digest(key, f'{walk}{time}')}": walk for time in times for walk in tested}
@@ -296,6 +296,7 @@ def replayed(task: Task, secret: str) -> Task:
         load=load,
         tell_start=tell_start,
         **surveys,
+        files_sha256=lambda walk: task.files_sha256(inner.get(walk, walk)),
         units=with_replays(task.units, functools.partial(_digest, key)),
         groups=with_replays(task.groups),
     )

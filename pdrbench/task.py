@@ -11,13 +11,13 @@ from typing import Literal
 
 import numpy as np
 
-from pdrbench.errors import REFUSALS, PdrbenchError, RecordingError, unknown_name
-from pdrbench.identity import walk_sha256
+from pdrbench.errors import PdrbenchError, RecordingError, unknown_name
 from pdrbench.localizer import Briefing
 from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec
 from pdrbench.trajectory import Start
 
 HELD_OUT = "heldout"
+FILES_SHA256 = "files_sha256"  # of a walk, in what a result says of its origin
 SPLITS = ("train", "val", "test", HELD_OUT)
 MIN_SECRET_CHARACTERS = 32  # 128 bits in hex; its digest is public, so a short one could be guessed
 StartKnowledge = Literal["pose", "area", "unknown"]
@@ -44,6 +44,11 @@ def no_survey(recording: Recording) -> None:
     """The radio or magnetic survey of a task without one."""
 
 
+def registered_files(walk: str) -> str:
+    """`Task.files_sha256` where walks are generated, or made of the files of a registered set and of all of them."""
+    return ""
+
+
 @dataclass(frozen=True, slots=True)
 class Task:
     """One environment's ingredients; the bulk is loaded walk by walk.
@@ -65,10 +70,8 @@ class Task:
         source: Where the data comes from: a URL and commit, or "generated".
         dataset: Name of the registered dataset it needs, or None where it is embedded.
         note: A warning to print wherever scores of this task are shown, such as data that is not the registered one.
-        superseded_by: Id of the version to use instead, or None.
-        seed_name: Name that walk ids and the random generators of localizers are made from; `id` where it is empty. An
-            environment that gets another id keeps its old one here, and with it every stored estimate.
-        stated_sha256: Digest that the environment states itself, such as one of its files; empty: that of its walks.
+        files_sha256: Digest of the files behind a walk, by walk id, where they are not those that `id` stands for: a
+            user's own recordings, or a part of a recorded set. Empty text elsewhere.
         units: Name of the unit of replication of each walk, what a new sample would draw anew: a recording session, a
             person. Intervals and tests resample whole units. Empty: the building of each walk is its unit.
         unit_kind: What a unit is, for tables: "building", "session", "person", "route".
@@ -77,7 +80,6 @@ class Task:
         folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
             made without its fold. A walk of another split may have one too. Empty: the task has no folds.
         sealed: True where the test split is played only on demand, with a reason, and every look at it is counted.
-        walk_sha256: Known digest by walk, filled in by `pdrbench.registry.make_task` from what the package has pinned.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
             the secret; None where walks are recorded, not generated: `pdrbench.replays` does it there. See
             `pdrbench.registry.make_task`.
@@ -99,17 +101,13 @@ class Task:
     magnetic_map: Callable[[Recording], MagneticMap | None] = no_survey
     dataset: str | None = None
     note: str = ""
-    superseded_by: str | None = None
-    seed_name: str = ""
-    stated_sha256: str = ""
+    files_sha256: Callable[[str], str] = registered_files
     units: Mapping[str, str] = field(default_factory=dict)
     unit_kind: str = "building"
     groups: Mapping[str, str] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
     sealed: bool = False
-    walk_sha256: Mapping[str, str] = field(default_factory=dict, compare=False)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
-    _computed: dict[str, str] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
@@ -148,41 +146,10 @@ class Task:
             if self.units.get(walk) in tested and self.split_of(walk) != "test":
                 raise RecordingError(f"task {self.id}: it is sealed, and unit {self.units[walk]!r} is not in test only")
 
-    @property
-    def sha256(self) -> str:
-        """Hex digest of everything that is handed out, briefed and scored; scores are comparable where it agrees.
-
-        It is `stated_sha256` where there is one, else made of the digests of all public walks. Those that are not in
-        `walk_sha256` are computed, once, which loads the walks.
-        """
-        if self.stated_sha256:
-            return self.stated_sha256
-        public = self._public_walks()
-        lines = [f"{split} {walk} {self.walk_sha256.get(walk) or self.computed_sha256(walk)}" for split, walk in public]
-        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
-
     def walk_identity(self, walk: str) -> dict[str, str]:
-        """What a result on a walk is stored with: results are comparable where it agrees.
-
-        `task_sha256` is `sha256`, where that is known without loading a walk; else `walk_sha256` is the digest of this
-        walk, and no other walk is loaded.
-        """
-        if self.stated_sha256 or all(public in self.walk_sha256 for _, public in self._public_walks()):
-            return {"task_sha256": self.sha256}
-        return {"walk_sha256": self.computed_sha256(walk)}
-
-    def _public_walks(self) -> list[tuple[str, str]]:
-        return [(split, walk) for split in SPLITS[:-1] for walk in self.walks.get(split, ())]
-
-    def computed_sha256(self, walk: str) -> str:
-        """Digest of one walk, computed from the walk itself; of one that is refused, from the reason."""
-        if walk not in self._computed:
-            try:
-                recording = self.load(walk)
-                self._computed[walk] = walk_sha256(recording, self.brief(recording), self.capacity)
-            except REFUSALS as error:
-                return hashlib.sha256(f"refused: {error}".encode()).hexdigest()
-        return self._computed[walk]
+        """What a result on a walk is stored with besides `id`: results are comparable where both agree."""
+        digest = self.files_sha256(walk)
+        return {FILES_SHA256: digest} if digest else {}
 
     def split(self, name: str) -> tuple[str, ...]:
         """Walk ids of a split; raises `UnknownNameError` where the task has no such split."""

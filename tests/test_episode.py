@@ -35,7 +35,6 @@ def make_episode(t_s: list[float], end_s: float, *, period_s: float = 0.5, capac
         tell_start=lambda recording: Start(np.zeros(2), 0),
         licence="MIT",
         source="generated",
-        stated_sha256="0" * 64,
     )
     return Episode(recording, task)
 

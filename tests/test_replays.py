@@ -429,7 +429,7 @@ def test_registered_localizers_score_alike(
     task = make_task(env)
     if not (data_root / str(task.dataset)).is_dir():
         pytest.skip(f"{task.dataset} not found")
-    task = replace(task, walks={"test": task.split(split)[:3]}, stated_sha256="none")
+    task = replace(task, walks={"test": task.split(split)[:3]})
     replays = replayed(task, SECRET)
     compared = 0
     by_axes = {"step_count-v0", "step_count-v1", "step_count_literal-v0"}  # which count along x without a heading

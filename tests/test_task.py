@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.recording import MagneticMap
 from pdrbench.registry import make_task
 from pdrbench.task import Task
 from pdrbench.trajectory import Start
@@ -76,18 +75,3 @@ def test_held_out_walks_have_units_of_their_own() -> None:
     held_out = {task.units[walk] for walk in task.walks["heldout"]}
     assert len(held_out) == 4
     assert not held_out & {task.units[walk] for split in ("train", "val", "test") for walk in task.walks[split]}
-
-
-def test_a_magnetic_map_is_part_of_a_walk_that_has_one_and_of_no_other() -> None:
-    """Every number of it counts; that others keep their digest is seen by those that are pinned."""
-    task = make_task("OfficeStride-v0")
-    (walk, *_) = task.split("train")
-
-    def digest(*field_ut: float) -> str:
-        survey = MagneticMap(np.zeros((1, 2)), np.zeros(1, int), np.zeros(1, int), np.array([field_ut]))
-        with_map = replace(task, magnetic_map=lambda recording: survey)
-        assert with_map.brief(with_map.load(walk)).magnetic_map is survey
-        return with_map.computed_sha256(walk)
-
-    assert len({task.computed_sha256(walk), digest(0.0, 30.0, -30.0), digest(0.0, 30.0, -30.5)}) == 3
-    assert digest(0.0, 30.0, -30.0) == digest(0.0, 30.0, -30.0)

@@ -46,16 +46,13 @@ class GeneratedWalks:
     seed: int  # first number of every seed
     splits: Mapping[str, Split]  # public splits by name
     held_out: Split = Split(HELD_OUT_WALKS)  # buildings and people of held-out walks
-    seed_name: str = ""  # name that goes into the ids of the test split; `env` where it is empty
 
     def ids(self) -> dict[str, tuple[str, ...]]:
         """By split, in the order of play. Ids of the test split are digests in rising order, which reveal nothing."""
         ids = {
             split: tuple(f"{split}-{index:02d}" for index in range(self.splits[split].walks)) for split in self.splits
         }
-        opaque = (
-            hashlib.sha256(f"{self.seed_name or self.env}/{name}".encode()).hexdigest()[:12] for name in ids["test"]
-        )
+        opaque = (hashlib.sha256(f"{self.env}/{name}".encode()).hexdigest()[:12] for name in ids["test"])
         return ids | {"test": tuple(sorted(f"test-{digest}" for digest in opaque))}
 
     def place_of(self, walk: str) -> tuple[str, int]:
@@ -124,7 +121,7 @@ def with_held_out(task: Task, env: str = "", person: Callable[[str], str] | None
     if person is not None:
         units = {walk: person(walk) for walks in task.walks.values() for walk in walks}
         task = dataclasses.replace(task, units=units, unit_kind="person")
-    hold_out = functools.partial(_hold_out, task, env or task.seed_name or task.id, person)
+    hold_out = functools.partial(_hold_out, task, env or task.id, person)
     return dataclasses.replace(task, held_out=hold_out)
 
 

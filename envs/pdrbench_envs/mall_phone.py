@@ -25,7 +25,7 @@ from pdrbench.io.log import Log
 from pdrbench.radio import survey_of_readings
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import Task
+from pdrbench.task import Task, registered_files
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.recorded import checked_file, opaque_id
@@ -153,10 +153,9 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         radio_map=functools.partial(_radio_map, mall, files),
         licence=registered.licence,
         source=f"{registered.source_url} commit {registered.commit}",
-        stated_sha256=_digest(name, mall) if mall.note else "",
+        files_sha256=(lambda _walk: _digest(name, mall)) if mall.note else registered_files,
         dataset=DATASET,
         note=mall.note,
-        superseded_by=name.replace("-v0", "-v1"),
         units={walk: file.session for walk, file in files.items()},
         unit_kind="session",
     )

@@ -160,7 +160,6 @@ def _make_task(kind: _SignalSet, *, summary: str, description: str, tell_start: 
             radio_map=functools.partial(_radio_map, kind),
             licence="MIT",
             source="generated",
-            superseded_by=kind.superseded_by,
         )
     )
 

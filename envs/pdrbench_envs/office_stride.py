@@ -133,7 +133,6 @@ def task(version: StrideVersion = FORMER) -> Task:
             tell_start=start_pose,
             licence="MIT",
             source="generated",
-            superseded_by=version.superseded_by(ENV),
         )
     )
 

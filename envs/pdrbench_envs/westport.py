@@ -154,7 +154,6 @@ def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable
             licence="CC-BY-4.0",
             source=f"generated in the plan of {registered.source_url} commit {registered.commit}",
             dataset=DATASET,
-            superseded_by=kind.superseded_by,
         ),
         person=kind.walks.person,
     )

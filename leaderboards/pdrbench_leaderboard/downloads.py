@@ -47,7 +47,6 @@ def board_facts(board: Board) -> dict[str, Any]:
         "tiers": sorted({standing.entry.tier for standing in board.standings}),
         "licence": task.licence,
         "source": task.source,
-        "sha256": task.sha256,
         "note": task.note,
         "is_public": page_data.is_public(board),
         "significant": SIGNIFICANT,

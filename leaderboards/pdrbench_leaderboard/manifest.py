@@ -45,7 +45,6 @@ class EnvironmentRecord(Record, frozen=True, kw_only=True):
     env: Name
     split: Literal["test"]  # always "test": held-out walks are for verification
     period_s: Annotated[float, msgspec.Meta(gt=0, le=3600)]  # between observations
-    task_sha256: Sha256  # `Task.sha256`
     deterministic: bool  # whether two seeds gave the same bytes, so that one was kept
     # In the order of the split, seeds of a walk side by side
     walks: Annotated[tuple[WalkRecord, ...], msgspec.Meta(min_length=1, max_length=5000)]

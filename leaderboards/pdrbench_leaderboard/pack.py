@@ -202,7 +202,6 @@ def make_bundle(
             env=env,
             split="test",
             period_s=task.period_s,
-            task_sha256=task.sha256,
             deterministic=env in suite_run.deterministic,
             walks=tuple(walk_record(result, columns) for result, columns in zip(results, whole, strict=True)),
         )

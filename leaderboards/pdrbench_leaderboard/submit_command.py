@@ -203,23 +203,6 @@ def _written(bundle: Bundle, files: Sequence[Path]) -> dict[str, Any]:
     }
 
 
-@app.command("pin", hidden=True)
-def pin(
-    envs: Annotated[
-        list[str] | None, typer.Argument(metavar="[ENV]...", help="Environments; those of all suites by default.")
-    ] = None,
-    replace: Annotated[
-        list[str] | None,
-        typer.Option(metavar="ENV", help="Its walks may have changed: there are no submissions to it yet."),
-    ] = None,
-) -> None:
-    """For maintainers: write digests of all walks into `walks.json` of their package; exit 1 where walks changed."""
-    from pdrbench_leaderboard.pinning import pin as pin_walks
-
-    for line in pin_walks(envs or (), replace or ()):
-        say(line)
-
-
 @app.command("check")
 def check(
     path: Annotated[Path, typer.Argument(metavar="FILE|FOLDER", help="A bundle, or the folder of an entry.")],

@@ -113,7 +113,7 @@ def notes(board: Board) -> Iterator[str]:
             yield f"`{standing.name}`: on held-out walks, {counts}, each counted as the worst answer."
     if board.task.note:
         yield board.task.note.replace("`", "")
-    yield f"Data: {board.task.licence.replace('`', '')}; sha256 `{board.task.sha256[:16]}`."
+    yield f"Data: {board.task.licence.replace('`', '')}."
 
 
 def held_out_failures(standing: Standing) -> str:

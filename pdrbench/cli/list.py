@@ -218,7 +218,6 @@ def _describe_environment(entry: PluginEntry) -> Item:
         "licence": task.licence,
         "source": task.source,
         "note": task.note,
-        "superseded_by": task.superseded_by,
     }
 
 

@@ -153,8 +153,7 @@ def warnings_of(envs: Iterable[str]) -> list[str]:
     from pdrbench.registry import make_task
 
     tasks = [make_task(name) for name in envs]
-    lines = [f"{task.id}: {task.note}" for task in tasks if task.note]
-    return lines + [f"{t.id} is superseded by {t.superseded_by}" for t in tasks if t.superseded_by]
+    return [f"{task.id}: {task.note}" for task in tasks if task.note]
 
 
 def is_declined(results: Sequence[Result]) -> bool:

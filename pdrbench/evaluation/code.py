@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.store import write_whole
-from pdrbench.registry import CARDS_FILE, PINS_FILE, PluginError
+from pdrbench.registry import CARDS_FILE, PluginError
 
-NOT_CODE: Final = frozenset({CARDS_FILE, PINS_FILE, "py.typed"})  # files of a package that change no estimate
+NOT_CODE: Final = frozenset({CARDS_FILE, "py.typed"})  # files of a package that change no estimate
 DOCUMENTED: Final = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 MAX_PARSED_BYTES: Final = 1 << 20  # of a file; parsing it takes up to half a gigabyte
 MAX_CACHED: Final = 5000  # files, ten times those of pdrbench

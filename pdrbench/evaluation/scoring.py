@@ -28,7 +28,7 @@ from pdrbench.metrics import score as score_estimates
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
-from pdrbench.task import Task
+from pdrbench.task import FILES_SHA256, Task
 from pdrbench.trajectory import Trajectory
 
 SPREAD_S: Final = 5.0  # of scoring that is left; below, processes cost more than they save
@@ -219,16 +219,20 @@ def _scan_m(task: Task, recording: Recording) -> FloatArray:
 
 def check_walk(result: Result, task: Task) -> None:
     """Raises `ResultError` where a result was made on another walk than the present one of the same id."""
-    for name, present in task.walk_identity(result.walk).items():
-        made_on = str(result.provenance.get(name, present))
-        if made_on != present:
-            raise ResultError(
-                f"walk {result.walk!r} of {result.localizer}: its {task.id} has the digest {made_on[:12]}, the present "
-                f"one {present[:12]}, so the two are not comparable: run the walk again on the present one"
-            )
+    present = task.walk_identity(result.walk).get(FILES_SHA256, "")
+    made_on = str(result.provenance.get(FILES_SHA256, "")) if result.provenance else present
+    if made_on != present:
+        raise ResultError(
+            f"walk {result.walk!r} of {result.localizer}: its {task.id} is made of {_files(made_on)}, the present one "
+            f"of {_files(present)}, so the two are not comparable: run the walk again on the present one"
+        )
     split = task.split_of(result.walk)
     if split != result.split:
         raise ResultError(f"walk {result.walk!r} of {task.id} is of the {split} split, its result says {result.split}")
+
+
+def _files(digest: str) -> str:
+    return f"files with the digest {digest[:12]}" if digest else "the registered files"
 
 
 def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatArray) -> Scored:

@@ -73,9 +73,7 @@ class WalkJob(Job):
             ("localizer_sha256", self.target, functools.partial(target_sha256, self.target)),
         )
         loaded = {name: memory.get(place) or memory.setdefault(place, look()) for name, place, look in looks}
-        if "task_sha256" in self.sources:
-            return loaded | {"task_sha256": make_task(self.task).sha256}
-        return loaded | {"walk_sha256": self.sources["walk_sha256"]}  # the walk is loaded once, when it is played
+        return loaded | make_task(self.task, self.secret).walk_identity(self.walk)
 
     def decode(self, content: bytes, path: Path) -> Result:
         """The result in a file."""

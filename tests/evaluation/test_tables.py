@@ -220,7 +220,7 @@ def test_score_refuses_a_result_of_other_data(results: Results) -> None:
         return Result(**(plain | fields))  # type: ignore[arg-type]
 
     with pytest.raises(ResultError, match="not comparable"):
-        score(changed(provenance={"task_sha256": "0" * 64}))
+        score(changed(provenance={"files_sha256": "0" * 64}))
     with pytest.raises(ResultError, match="of the test split"):
         score(changed(split="train"))
     assert score(changed(provenance={})) == score(results.results[0]), "a plain loop of env.step has no provenance"

@@ -168,6 +168,6 @@ def test_walks_that_cannot_be_replayed_are_errors(toy: Path, name: str, message:
 
 def test_another_environment_of_the_same_name_is_refused(toy: Path) -> None:
     result = play(toy, "Toy")
-    other = dataclasses.replace(result, provenance={**result.provenance, "task_sha256": "f" * 64})
-    with pytest.raises(ResultError, match=r"has the digest ffffffffffff, the present one"):
+    other = dataclasses.replace(result, provenance={**result.provenance, "files_sha256": "f" * 64})
+    with pytest.raises(ResultError, match=r"files with the digest ffffffffffff, the present one"):
         next(retrace(other))

@@ -34,7 +34,6 @@ def example() -> Bundle:
         env=ENV,
         split="test",
         period_s=task.period_s,
-        task_sha256=task.sha256,
         deterministic=True,
         walks=tuple(walk_record(result, whole) for result, whole in zip(results, wholes, strict=True)),
     )

@@ -21,7 +21,7 @@ from pdrbench.trajectory import Estimates
 from pdrbench_leaderboard import bundle as bundles
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle
-from pdrbench_leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
+from pdrbench_leaderboard.entry import list_entries, read_entry, walk_run, write_entry
 
 from .example_bundle import ENV, example
 
@@ -256,12 +256,6 @@ def test_an_entry_lies_where_it_belongs(bundle: Bundle, tmp_path: Path) -> None:
         read_entry(moved)
     with pytest.raises(BundleError, match="cannot read"):
         read_entry(folder)
-
-
-def test_estimates_on_other_walks_are_no_entry(bundle: Bundle) -> None:
-    record = msgspec.structs.replace(bundle.manifest.environments[0], task_sha256="0" * 64)
-    with pytest.raises(BundleError, match="pack it again"):
-        make_entry(bundle.submission(record), bundle.card, bundle.estimates)
 
 
 def test_why_a_walk_failed_is_one_line_without_folders(bundle: Bundle) -> None:

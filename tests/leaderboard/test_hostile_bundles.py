@@ -186,7 +186,6 @@ BUNDLES: dict[str, tuple[Callable[[Members], bytes], str]] = {
     # its walks
     "walks at half the pace": (record(period_s=0.5), "s between observations"),
     "has no period": (record(period_s=float("nan")), "manifest.json"),
-    "is of other walks": (record(task_sha256="0123456789abcdef" * 4), "pack it again"),
     "is of walks that only maintainers have": (record(split="heldout"), "split"),
     "leaves its worst walk out": (without_a_walk, "lacks walk"),
     "has its best walk twice": (walk_twice, "twice|lacks"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import Any, Final
 
 import msgspec
 
-from pdrbench.errors import RecordingError
+from pdrbench.datasets.integrity import sha256_of
+from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.io import READERS
 from pdrbench.io.compressed import plain_name
 from pdrbench.io.detect import detect, read, read_plan
@@ -145,6 +147,31 @@ def causes_of(path: Path, content: TaskFile, table: WalkTable) -> object:
     places = [beside(path, name) for name in (table.file, table.truth, _columns_file(content, table)) if name]
     stamps = [(str(place), stamp(place)) for place in places]
     return stamps, table.format, content.columns if table.columns is None else table.columns
+
+
+def sha256_of_walk(path: Path, content: TaskFile, tables: Mapping[str, WalkTable], walk: str) -> str:
+    """Digest of what a walk is made of: its files, the plan, the survey, and how they are read.
+
+    Raises:
+        UnknownNameError: There is no such walk.
+    """
+    if walk not in tables:
+        raise unknown_name(f"walk of {path}", walk, tables)
+    surveyed = [tables[name] for name in (() if content.survey is None else content.survey.walks) if name in tables]
+    parts: list[object] = [content.task, content.plan]
+    for table in (tables[walk], *surveyed, *(with_companions(path, table) for table in survey_tables(content))):
+        columns = content.columns if table.columns is None else table.columns
+        parts += [table, None if isinstance(columns, str) else columns]
+        parts += [
+            _content(beside(path, name)) for name in (table.file, table.truth, _columns_file(content, table)) if name
+        ]
+    parts.append(None if content.plan is None else _content(beside(path, content.plan.file)))
+    return hashlib.sha256(msgspec.json.encode(parts)).hexdigest()
+
+
+def _content(place: Path) -> object:
+    """Digest of a file; of a folder, which may be large, its stamp."""
+    return sha256_of(place) if place.is_file() else stamp(place)
 
 
 def read_walk(path: Path, content: TaskFile, table: WalkTable) -> Log | Recording:

@@ -270,7 +270,7 @@ class _Opening:
                 source=settings.source or "local files",
                 radio_map=source.radio_map,
                 note=_joined(self._notes),
-                superseded_by=settings.superseded_by,
+                files_sha256=functools.partial(files.sha256_of_walk, self._path, self._content, self._tables),
                 units=units,
                 unit_kind=settings.unit_kind if units else "building",
                 groups={walk: table.group for walk, table in self._tables.items() if table.group},

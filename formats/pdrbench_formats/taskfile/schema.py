@@ -36,7 +36,6 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         period_s: Between observations.
         sensors: Offered; None for all that a walk has.
         derive: Whether sensors that are missing are computed from others.
-        superseded_by: Id of the version to use instead.
         unit_kind: What the `unit` of a walk is, for tables: "session", "person".
         sealed: Whether the test split is played only for a stated reason, and looks at it are counted.
     """
@@ -50,7 +49,6 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     period_s: _Positive = 0.2
     sensors: tuple[_Name, ...] | None = None
     derive: bool = True
-    superseded_by: str | None = None
     unit_kind: _Name = "session"
     sealed: bool = False
 

@@ -19,8 +19,7 @@ SPLITS: Final = {"train": Split(4), "val": Split(4), "test": Split(8)}  # people
 DURATION_S: Final = 180.0  # ours
 _SEED: Final = 20120909
 _SCENE, _PLACE, _HANDS, _TAP = range(4)  # one stream of random numbers each
-# Walk ids and seeds are made from the former id.
-WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS, seed_name="PhoneFiddle-v0")
+WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS)
 _DESCRIPTION: Final = """\
 Eight people stand in the corridor of an office for three minutes and handle their phones, as in the first test case of
 Li et al. (2012): they make calls, type, play games, turn the phone about, and take not a single step.

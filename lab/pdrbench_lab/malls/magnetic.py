@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import hashlib
 from typing import Final
 
 from pdrbench.recording import MagneticMap, Recording
@@ -35,16 +34,12 @@ def task_lost() -> Task:
 
 
 def _with_magnetic_map(base: Task, name: str) -> Task:
-    stated = base.stated_sha256 and hashlib.sha256(f"{name}\n{base.stated_sha256}".encode()).hexdigest()
     return dataclasses.replace(
         base,
         id=name,
-        seed_name=base.id,
         summary=f"{base.summary}, and a magnetic survey",
         description=base.description + _DESCRIPTION,
         magnetic_map=functools.partial(_magnetic_map, environment.walks_at_hand()),
-        stated_sha256=stated,
-        walk_sha256={},
     )
 
 

@@ -25,7 +25,7 @@ def lost() -> Task:
 
 
 def _with_own_session(task: Task, name: str) -> Task:
-    return dataclasses.replace(task, id=name, seed_name=task.id, radio_map=_radio_map, walk_sha256={})
+    return dataclasses.replace(task, id=name, radio_map=_radio_map)
 
 
 def _radio_map(recording: Recording) -> RadioMap:

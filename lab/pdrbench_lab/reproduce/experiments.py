@@ -99,7 +99,8 @@ def plan_experiments(
             "machine": machine() if experiment.alone else None,  # wall-clock times of another machine are no answer
         }
         if experiment.envs:
-            ingredients["walks"] = {env: make_task(env).sha256 for env in experiment.envs}
+            notes = {env: make_task(env).note for env in experiment.envs}
+            ingredients["recorded"] = notes  # which name data in place of the registered one
         for seed in range(seeds[experiment.name]):
             key = store.result_key(ingredients | {"seed": seed})
             name = f"{experiment.name}.s{seed:03d}.{key[: store.KEY_CHARACTERS_IN_NAME]}{SUFFIX}"

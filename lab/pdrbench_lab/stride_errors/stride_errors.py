@@ -200,7 +200,7 @@ def _walks_of(env: str, params: FootParams) -> tuple[list[WalkErrors], ErrorSour
             left_out[walk] = why
         else:
             used.append(errors)
-    source = ErrorSource(env, task.dataset or "", task.sha256, len(used), left_out)
+    source = ErrorSource(env, task.dataset or "", "", len(used), left_out)
     return used, source
 
 

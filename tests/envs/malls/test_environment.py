@@ -69,8 +69,6 @@ def test_walks_of_both_environments() -> None:
     assert set(lost.groups.values()) == {"known floor", "two weeks later"}
     assert set(known.folds) == set(known.walks["train"]) and set(known.folds.values()) == set(range(5))
     assert 25 <= len({known.units[walk] for walk in known.walks["test"]}) <= 35
-    old = mall_phone.task(), mall_phone.task_lost()
-    assert [each.superseded_by for each in old] == [known.id, lost.id]
 
 
 def test_ids_of_test_walks_and_their_units_are_opaque_and_in_their_own_order() -> None:
@@ -187,7 +185,7 @@ def test_a_part_of_the_set_is_played_under_a_note_that_says_how_much(part: Path)
     assert survey is not None and set(survey.level.tolist()) == {4}
     one = part / played_walks()[made.split("train")[1]].walk.path
     one.unlink()
-    assert task().note.startswith("34 of") and task().sha256 != made.sha256
+    assert task().note.startswith("34 of") and len({t.files_sha256("") for t in (task(), made)}) == 2
 
 
 @pytest.mark.data

@@ -58,7 +58,6 @@ def task() -> Task:
         tell_start=lambda recording: Start(np.zeros(2), 0, heading_rad=0.0),
         licence="MIT",
         source="generated",
-        stated_sha256=hashlib.sha256(b"corridor").hexdigest(),
         units={walk: walk for split in WALKS.values() for walk in split},
         unit_kind="walk",
     )
@@ -69,7 +68,7 @@ def lost_task() -> Task:
 
 
 def unpinned_task() -> Task:
-    return dataclasses.replace(task(), id="CorridorUnpinned-v0", stated_sha256="")
+    return dataclasses.replace(task(), id="CorridorUnpinned-v0")
 
 
 def sealed_task() -> Task:

@@ -8,7 +8,6 @@ import pytest
 from pdrbench.episode import Episode
 from pdrbench.errors import UnknownNameError
 from pdrbench.localizer import Estimate
-from pdrbench.registry import make_task
 from pdrbench_envs import office_stride
 from pdrbench_envs.generated import start_pose
 from pdrbench_lab.papers.woodman2008.lab_stride import environment as lab_stride
@@ -64,7 +63,6 @@ def test_both_environments_have_the_stated_walks(lost, wifi):
     assert lost.walks == wifi.walks
     assert lost.start == wifi.start == "unknown"
     assert [[spec.name for spec in task.sensors] for task in (lost, wifi)] == [["stride"], ["stride", "wifi"]]
-    assert make_task("LabStrideLost-v0").sha256 != make_task("LabStrideWifi-v0").sha256
     ids = lost.split("test")
     assert list(ids) == sorted(ids)
     assert all(len(walk.removeprefix("test-")) == 12 for walk in ids)
@@ -72,7 +70,6 @@ def test_both_environments_have_the_stated_walks(lost, wifi):
 
 def test_the_second_version_has_the_same_walks_with_other_errors(lost):
     later = lab_stride.task_v1()
-    assert (later.id, lost.superseded_by, later.superseded_by) == ("LabStrideLost-v1", "LabStrideLost-v1", None)
     assert "**Superseded** by `LabStrideLost-v1`" in lost.description and "Superseded" not in later.description
     one, other = lost.load("val-00"), later.load("val-00")
     np.testing.assert_array_equal(one.reference.xy_m, other.reference.xy_m)

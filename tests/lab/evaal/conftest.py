@@ -86,7 +86,6 @@ def make_task(capacity: dict[str, int]) -> Task:
         radio_map=survey,
         licence="MIT",
         source="generated",
-        stated_sha256="0" * 64,
     )
 
 

@@ -59,7 +59,6 @@ class World:
             "tell_start": lambda recording: Start(recording.reference.xy_m[0], 0),
             "licence": "MIT",
             "source": "generated",
-            "stated_sha256": "0" * 64,
             "radio_map": lambda _: None,
             "units": {walk: walk for walk in ("a", *WALKS)},
             "unit_kind": "walk",

@@ -76,7 +76,6 @@ def phone_task(
             tell_start=tell_start,
             licence="MIT",
             source="generated",
-            seed_name=walks.seed_name,
         ),
         person=person,
     )

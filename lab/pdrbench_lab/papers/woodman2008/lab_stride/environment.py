@@ -81,7 +81,6 @@ def task(version: StrideVersion = FORMER) -> Task:
             tell_start=start_pose,
             licence="MIT",
             source="generated",
-            superseded_by=version.superseded_by(LOST),
         )
     )
 
@@ -99,7 +98,6 @@ def task_wifi(version: StrideVersion = FORMER) -> Task:
             capacity={"stride": 2, "wifi": 128},
             load=functools.partial(load_wifi, version),
             radio_map=functools.partial(radio_map, version),
-            superseded_by=version.superseded_by(WLAN),
         ),
         walks,
     )
