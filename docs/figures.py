@@ -23,7 +23,6 @@ from typing import Any, Final
 
 from docs import overview
 from docs.overview import cells
-from pdrbench.arithmetic import rounds_as_pinned
 
 DOCS: Final = Path(__file__).resolve().parent
 ROOT: Final = DOCS.parent
@@ -179,7 +178,6 @@ def check_numbers() -> list[str]:
 NOTEBOOKS: Final = DOCS / "notebooks"
 NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
 TOLERANCE: Final = 0.02  # relative; and so much absolute: other systems round otherwise
-ELSEWHERE: Final = 0.06  # where generated walks differ in the last bit, from which a particle filter draws otherwise
 ESCAPES: Final = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
@@ -236,8 +234,7 @@ def differs(stored: str, now: str) -> bool:
     if NUMBER.sub("#", " ".join(stored.split())) != NUMBER.sub("#", " ".join(now.split())):
         return True
     pairs = zip(map(float, NUMBER.findall(stored)), map(float, NUMBER.findall(now)), strict=True)
-    tolerance = TOLERANCE if rounds_as_pinned() else ELSEWHERE
-    return any(abs(a - b) > tolerance * max(abs(a), abs(b), 1.0) for a, b in pairs)
+    return any(abs(a - b) > TOLERANCE * max(abs(a), abs(b), 1.0) for a, b in pairs)
 
 
 def make_notebook(name: str) -> Made:

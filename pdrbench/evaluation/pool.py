@@ -17,7 +17,7 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 
-from pdrbench.arithmetic import child_variables
+from pdrbench.arithmetic import THREADS
 from pdrbench.evaluation.jobs import Job, JobContext, Outcome, run_jobs, run_jobs_on_cluster
 
 __all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]
@@ -110,7 +110,7 @@ def _variables() -> dict[str, str]:
     """Of workers; their temporary files go with this process, since launchers of a killed worker leave theirs."""
     folder = tempfile.mkdtemp(prefix="pdrbench-workers-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return child_variables() | {"TMPDIR": folder}
+    return THREADS | {"TMPDIR": folder}
 
 
 def discard() -> None:

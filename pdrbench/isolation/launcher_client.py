@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.arithmetic import child_variables
+from pdrbench.arithmetic import THREADS
 from pdrbench.isolation import scratch
 from pdrbench.isolation.boot import receive, send
 from pdrbench.isolation.child_process import GRACE_S, LAUNCHER_ENDED, ChildProcess, Ended, IsolationError
@@ -52,7 +52,7 @@ class Launcher:
         # The paths of the interpreter are handed over; its own start must not see the user's variables.
         self._process = subprocess.Popen(
             [sys.executable, "-s", "-P", "-B", str(BOOT), str(theirs.fileno())],
-            env={**child_variables(), "PYTHONHASHSEED": "0", "LANG": "C.UTF-8", "PATH": os.defpath},
+            env={**THREADS, "PYTHONHASHSEED": "0", "LANG": "C.UTF-8", "PATH": os.defpath},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._errors,
@@ -78,7 +78,7 @@ class Launcher:
                 "hidden": sorted(hidden_places()),
                 "writable": compiled,
                 "numba_cache": numba_cache(),
-                "environment": {**child_variables(), "PATH": os.defpath},
+                "environment": {**THREADS, "PATH": os.defpath},
                 "modules": sorted(shared_modules()) if packages else [],
             }
         )

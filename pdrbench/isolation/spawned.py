@@ -20,7 +20,7 @@ from typing import Final
 
 import psutil  # type: ignore[import-untyped]
 
-from pdrbench.arithmetic import child_variables
+from pdrbench.arithmetic import THREADS
 from pdrbench.isolation import numba_cache
 from pdrbench.isolation.boot import CAN_CONFINE, LENGTH_BYTES
 from pdrbench.isolation.child_process import (
@@ -102,7 +102,7 @@ class SpawnedProcess:
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-s", "-P", "-B", "-c", BEGIN, orders],
-                env={**kept, **child_variables(), **dict.fromkeys(SCRATCH, self._folder), "PYTHONHASHSEED": "0"},
+                env={**kept, **THREADS, **dict.fromkeys(SCRATCH, self._folder), "PYTHONHASHSEED": "0"},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._output,

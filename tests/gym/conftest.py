@@ -83,7 +83,6 @@ def make_task(capacity: Mapping[str, int], walks: Mapping[str, tuple[str, ...]] 
         "radio_map": survey,
         "licence": "MIT",
         "source": "generated",
-        "stated_sha256": "0" * 64,
     }
     return Task(**{**settings, **changes})
 

@@ -2,7 +2,3 @@
 
 `torch` and `safetensors` (extra `learned`) are imported by `model`, `weights` and `train` only.
 """
-
-from pdrbench.arithmetic import compute_alike
-
-compute_alike()  # here, since it counts only before torch computes

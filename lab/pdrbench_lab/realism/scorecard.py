@@ -11,7 +11,7 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from pdrbench import __version__
-from pdrbench.arithmetic import child_variables
+from pdrbench.arithmetic import THREADS
 from pdrbench_lab.realism import load_block
 from pdrbench_lab.realism.block import Block
 from pdrbench_lab.realism.criteria import ScorecardRow, block_rows, statistic_row, unmeasured
@@ -151,7 +151,7 @@ def measure_blocks(
         report: Receives progress, line by line.
     """
     report(f"measuring {len(names)} block{'s' * (len(names) > 1)} in {min(jobs, len(names))} process(es)")
-    executor = ProcessPoolExecutor(max_workers=min(jobs, len(names)) or 1, env=child_variables())
+    executor = ProcessPoolExecutor(max_workers=min(jobs, len(names)) or 1, env=THREADS)
     found = {}
     try:
         futures = {executor.submit(measure, name, source, seed, count): name for name in names}
