@@ -225,13 +225,13 @@ def _places(rng: np.random.Generator, mesh: NavigationMesh, duration_s: float) -
 @functools.lru_cache(maxsize=1)
 def _building() -> Building:
     """What one can walk to in Westport House, once its plan is known to be the registered one."""
-    from pdrbench_formats.maps import wrld3d
+    from pdrbench_envs import westport_plan
 
     root = find(DATASET)
     for file in datasets()[DATASET].files:
         if file.path.startswith(f"{FOLDER}/"):
             checked_file(root / file.path, file.sha256, DATASET, "copy the registered commit again")
-    return largest_part(wrld3d.read(root / FOLDER).building)
+    return largest_part(westport_plan.read(root / FOLDER).building)
 
 
 @functools.lru_cache(maxsize=1)

@@ -42,9 +42,7 @@ READERS: Final = {
     "dxf": "pdrbench_formats.maps.dxf:READER",
     "imdf": "pdrbench_formats.maps.imdf:READER",
     "indoorgml": "pdrbench_formats.maps.indoorgml:READER",
-    "mvf": "pdrbench_formats.maps.mvf:READER",
     "osm_indoor": "pdrbench_formats.maps.osm_indoor:READER",
     "picture": "pdrbench_formats.maps.raster:READER",
     "ros_map": "pdrbench_formats.maps.raster:ROS",
-    "wrld3d": "pdrbench_formats.maps.wrld3d:READER",
 }

@@ -70,3 +70,8 @@ BENCHES = {
 WARM_UPS = {
     "pdrbench_lab.footslam": "pdrbench_lab.footslam.kernels:warm_up",
 }
+
+READERS = {
+    "mvf": "pdrbench_lab.plans.mvf:READER",
+    "wrld3d": "pdrbench_lab.plans.wrld3d:READER",
+}

@@ -39,7 +39,7 @@ class Plan:
         building: What one can walk on.
         geo: Where (0, 0) of the building is on the Earth, x east and y north; None where the plan does not say.
         repairs: What was mended or assumed.
-        source: Format, such as "wrld3d".
+        source: Format, such as "imdf".
         skipped: Count of features by kind that say nothing of where one can walk.
         warnings: What may be wrong with the plan as a whole, such as its units.
     """

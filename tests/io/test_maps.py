@@ -659,28 +659,14 @@ def test_xml_entities_and_pictures_elsewhere_are_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.data
-@pytest.mark.parametrize(
-    ("path", "kind", "levels", "treads", "lifts"),
-    [
-        pytest.param("westport_house/westport-house", "wrld3d", 7, 350, 5, marks=pytest.mark.long(seconds=3)),
-        ("westport_house/westport-house.zip", "wrld3d", 7, 350, 5),
-        pytest.param("osm_apb/APBorig.osm", "osm_indoor", 4, 250, 2, marks=pytest.mark.long(seconds=3)),
-        pytest.param("osm_apb/apb.geojson", "osm_indoor", 4, 250, 2, marks=pytest.mark.long(seconds=3)),
-    ],
-)
-@pytest.mark.slow
-def test_real_buildings_can_be_walked_from_the_lowest_to_the_highest_level(
-    path: str, kind: str, levels: int, treads: int, lifts: int
-) -> None:
+def test_a_real_building_can_be_walked_from_the_lowest_to_the_highest_level() -> None:
+    path = "osm_apb/APBorig.osm"
     if not is_available("maps") or not (find("maps") / path).exists():
         pytest.skip(f"no {path} below PDRBENCH_DATA")
     plan = read_plan(find("maps") / path)
     building = plan.building
-    assert plan.source == kind
-    assert len(building.levels) == levels
+    assert (plan.source, len(building.levels), len(lift_shafts(building))) == ("osm_indoor", 4, 2)
     parts = reachable_parts(building, by_lift=False)
-    reached = [i for i, part in enumerate(parts) if part == 0]
-    assert {building.polygons[i].level for i in reached} == set(building.levels)
-    assert sum(building.polygons[i].kind == "stairs" for i in reached) >= treads
-    assert len(lift_shafts(building)) == lifts
-    assert len(compile_map(building)) > 0
+    reached = [building.polygons[i] for i, part in enumerate(parts) if part == 0]
+    assert {polygon.level for polygon in reached} == set(building.levels)
+    assert sum(polygon.kind == "stairs" for polygon in reached) >= 250

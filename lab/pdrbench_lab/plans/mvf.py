@@ -26,7 +26,7 @@ from pdrbench_formats.maps.features import (
     read_features,
     to_metres,
 )
-from pdrbench_formats.maps.wrld3d import head_member
+from pdrbench_lab.plans.wrld3d import head_member
 
 FLOORS: Final = "floors.geojson"
 CONNECTIONS: Final = "connections.json"

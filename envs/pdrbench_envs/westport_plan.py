@@ -1,4 +1,4 @@
-"""Indoor maps of WRLD 3D: `main.json` that names the levels, and one GeoJSON file for each, as a folder or archive.
+"""The plan of Westport House as published, a map of WRLD 3D: `main.json` names the levels, each a file of GeoJSON.
 
 A level is its outline without walls, windows, openings of the floor and what is not accessible. Doors fill gaps in
 walls. Stairs and lifts are outlines on each level: those above one another on neighbouring levels are one, since the
@@ -16,7 +16,6 @@ import msgspec
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.plan import Plan
-from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
     Feature,
@@ -110,22 +109,3 @@ def _add_level(
     if not floors:
         raise MapError(f"level {number} has no {OUTLINE}; without it nothing can be walked on")
     return outlines
-
-
-def sniff(head: Head) -> bool:
-    """True for a folder or archive with a `main.json` that lists levels."""
-    content = head_member(head, MAIN)
-    return b'"levels"' in content and b'"z_order"' in content
-
-
-def head_member(head: Head, name: str) -> bytes:
-    """The content of a member of a folder or archive; empty where there is none or it is damaged."""
-    if head.container is None or name not in head.container.sizes:
-        return b""
-    try:
-        return member(head.container, name)
-    except MapError:
-        return b""
-
-
-READER: Final = Reader(read, sniff)
