@@ -79,7 +79,6 @@ class Task:
             none. Never given to a localizer.
         folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
             made without its fold. A walk of another split may have one too. Empty: the task has no folds.
-        sealed: True where the test split is played only on demand, with a reason, and every look at it is counted.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
             the secret; None where walks are recorded, not generated: `pdrbench.replays` does it there. See
             `pdrbench.registry.make_task`.
@@ -106,7 +105,6 @@ class Task:
     unit_kind: str = "building"
     groups: Mapping[str, str] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
-    sealed: bool = False
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -141,10 +139,6 @@ class Task:
         for walk, fold in self.folds.items():
             if fold_of.setdefault(self.units.get(walk, walk), fold) != fold:
                 raise RecordingError(f"task {self.id}: unit {self.units[walk]!r} lies in two folds; folds are of units")
-        tested = {self.units[walk] for walk in self.walks.get("test", ())} if self.sealed and self.units else set()
-        for walk in everything:
-            if self.units.get(walk) in tested and self.split_of(walk) != "test":
-                raise RecordingError(f"task {self.id}: it is sealed, and unit {self.units[walk]!r} is not in test only")
 
     def walk_identity(self, walk: str) -> dict[str, str]:
         """What a result on a walk is stored with besides `id`: results are comparable where both agree."""
@@ -161,11 +155,6 @@ class Task:
     def default_split(self) -> str:
         """The split that is played where none is named: "train", or the first that there is."""
         return next((name for name in SPLITS if self.walks.get(name)), SPLITS[0])
-
-    @property
-    def scored_split(self) -> str:
-        """The split that localizers are compared on where none is named: "test", but "val" where that is sealed."""
-        return "val" if self.sealed else "test"
 
     def split_of(self, walk: str) -> str:
         """The split a walk belongs to."""

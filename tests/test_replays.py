@@ -303,11 +303,6 @@ def test_what_cannot_be_replayed_is_refused(task: Task) -> None:
         replayed(strange, SECRET)
 
 
-def test_units_of_a_sealed_task_stay_apart(task: Task) -> None:
-    units = {"test-1": "anna", "test-2": "anna", "test-3": "bert", "val-4": "carl"}
-    assert replayed(replace(task, sealed=True, units=units), SECRET).sealed
-
-
 class Memoriser:
     """Has every public walk, truth included, and answers the one whose beginning is nearest to that of the given one.
 

@@ -1,4 +1,4 @@
-"""What a task owes to its walks: units of replication, groups, folds, a sealed test split."""
+"""What a task owes to its walks: units of replication, groups, folds."""
 
 from __future__ import annotations
 
@@ -30,9 +30,7 @@ UNITS = {"a": "1", "b": "1", "c": "2", "d": "3", "e": "1"}
 
 
 def test_a_task_says_nothing_of_units_unless_told() -> None:
-    assert (dict(TASK.units), TASK.unit_kind, dict(TASK.groups), dict(TASK.folds), TASK.sealed) == (
-        ({}, "building", {}, {}, False)
-    )
+    assert (dict(TASK.units), TASK.unit_kind, dict(TASK.groups), dict(TASK.folds)) == (({}, "building", {}, {}))
 
 
 def test_every_walk_has_a_unit_and_every_train_walk_a_fold() -> None:
@@ -43,12 +41,9 @@ def test_every_walk_has_a_unit_and_every_train_walk_a_fold() -> None:
         replace(TASK, folds={"a": 0, "b": 1})
 
 
-def test_folds_and_seals_part_whole_units() -> None:
+def test_folds_part_whole_units() -> None:
     with pytest.raises(RecordingError, match="unit '1' lies in two folds"):
         replace(TASK, units=UNITS, folds={"a": 0, "b": 1, "c": 1})
-    with pytest.raises(RecordingError, match="sealed, and unit '1' is not in test only"):
-        replace(TASK, units=UNITS, sealed=True)
-    assert replace(TASK, units={**UNITS, "e": "3"}, sealed=True).sealed
     assert replace(TASK, groups={"d": "later"}).groups == {"d": "later"}
 
 

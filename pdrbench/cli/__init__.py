@@ -7,9 +7,9 @@ import importlib.util
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -26,7 +26,14 @@ COMMANDS = {
     "data": "pdrbench.cli.data:app",
     "plot": "pdrbench.cli.plot:plot",
 }
+OF_THE_LAB = ("reproduce", "bench", "warm-up", "validate-sim", "error-model", "tune")  # which it registers itself
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
+
+ANY_ARGUMENTS: Mapping[str, Any] = {
+    "allow_extra_args": True,
+    "ignore_unknown_options": True,
+    "help_option_names": [],
+}
 
 app = typer.Typer(
     name="pdrbench",
@@ -66,8 +73,23 @@ def _add_commands() -> None:
             app.add_typer(command, name=name)
         else:
             app.command(name)(command)
+    for name in OF_THE_LAB:
+        if name not in entries(COMMANDS_GROUP):
+            app.command(name, help="Comes with the laboratory.", context_settings=ANY_ARGUMENTS)(_stub(name))
     for name, why in broken(COMMANDS_GROUP).items():
         note(f"pdrbench: left out: {name}: {why}")
+
+
+def _stub(name: str) -> Callable[[], None]:
+    """A command that says how to get the one that is asked for."""
+
+    def refer() -> None:
+        raise PdrbenchError(
+            f"`pdrbench {name}` comes with the laboratory, which is not installed: in a checkout of pdrbench, "
+            f"`pip install -e lab`"
+        )
+
+    return refer
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

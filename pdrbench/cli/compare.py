@@ -9,7 +9,6 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
-    FoldsOrNone,
     Isolation,
     Jobs,
     Nonce,
@@ -18,13 +17,11 @@ from pdrbench.cli.options import (
     Split,
     Strict,
     Walks,
-    Why,
     complete_env,
     complete_localizer,
     exit_on,
     make_folder,
     nonce_of,
-    train_of,
     write_text,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
@@ -53,8 +50,6 @@ def compare(
         ),
     ] = None,
     split: Split = None,
-    why: Why = "",
-    folds: FoldsOrNone = None,
     seeds: SeedsOrNone = None,
     walks: Walks = None,
     jobs: Jobs = 1,
@@ -80,10 +75,10 @@ def compare(
     Walks and seeds are those of the leaderboards. What a run before has stored is not computed again. Exit 1 where a
     localizer fails on every walk.
     """
-    from pdrbench.cli.scoreboard import failures, footnotes, print_folds, print_scores, score_tables, warnings_of
+    from pdrbench.cli.scoreboard import failures, footnotes, print_scores, score_tables, warnings_of
 
     with answer_only(as_json):
-        split, nonce = train_of(folds, split), nonce_of(nonce)
+        nonce = nonce_of(nonce)
         envs = (
             tuple(ready_environment(name, split) for name in dict.fromkeys(env))
             if env
@@ -96,14 +91,12 @@ def compare(
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
         from pdrbench.report import comparison_page, write_report
-        from pdrbench_lab.reproduce.tune import by_fold
 
         with on_cluster(scheduler):
             results = evaluate(
                 localizers,
                 tuple(localizers),
                 split=split,
-                why=why,
                 seeds=seeds,
                 walks=walks,
                 jobs=jobs,
@@ -114,7 +107,6 @@ def compare(
             )
         note("scoring")
         rows = results.rows()
-        of_folds = by_fold(results, folds) if folds else []
         notes = [*footnotes(results.results), *warnings_of(envs)]
         note("drawing")
         files = write_report(results, out)
@@ -124,10 +116,9 @@ def compare(
         if latex is not None:
             files.append(write_text(latex, results.to_latex()))
     if as_json:
-        print_json({"rows": rows} | ({"folds": of_folds} if folds else {}))
+        print_json({"rows": rows})
     else:
         print_scores(rows, results.results)
-        print_folds(of_folds)
     for line in notes:
         note(line)
     if nonce:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from pdrbench.cli.output import note
-from pdrbench.errors import PdrbenchError, ResultError
+from pdrbench.errors import ResultError
 from pdrbench.registry import environments, localizers
 
 IsolationKind = Literal["auto", "confined", "process", "none"]  # as `evaluate` takes it
@@ -33,23 +33,7 @@ LOCALIZER_HELP = (
 
 Split = Annotated[
     str | None,
-    typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test, val if sealed"),
-]
-Why = Annotated[
-    str, typer.Option(metavar="REASON", help="Why you look at the test split of a sealed environment: it is counted.")
-]
-Folds = Annotated[
-    int, typer.Option(min=2, metavar="N", help="Parts of the train split, each of whole sessions or buildings.")
-]
-FoldsOrNone = Annotated[
-    int | None,
-    typer.Option(
-        "--folds",
-        min=2,
-        metavar="N",
-        help="Play the train split, each walk without what its fold contributes to the survey, and show each fold.",
-        show_default="no folds",
-    ),
+    typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test"),
 ]
 Seeds = Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every walk, each with its own seed.")]
 SeedsOrNone = Annotated[
@@ -136,12 +120,3 @@ def nonce_of(text: str) -> str:
     from pdrbench.evaluation.randomness import check_nonce, new_nonce
 
     return new_nonce() if text == "new" else check_nonce(text)
-
-
-def train_of(folds: int | None, split: str | None) -> str | None:
-    """The split to play: folds are parts of train."""
-    if folds is None:
-        return split
-    if split not in (None, "train"):
-        raise PdrbenchError(f"folds are parts of the train split; got --folds {folds} with --split {split}")
-    return "train"

@@ -10,6 +10,7 @@ from pdrbench.errors import DatasetError, UnsuitableError
 
 OURS: Final = "pdrbench"  # the distribution whose code is trusted
 BROKEN: Final = "it is broken"
+SCORED_SPLIT: Final = "test"  # where none is named
 PUBLIC_SPLITS: Final = ("train", "val")  # whose reference a localizer may be given
 
 
@@ -24,7 +25,7 @@ def ready_environment(name: str, split: str | None) -> str:
     from pdrbench.registry import make_task, task_place
 
     task = make_task(name)
-    task.split(split or task.scored_split)
+    task.split(split or SCORED_SPLIT)
     if task.dataset is not None:
         find(task.dataset)
     return task_place(name) or task.id
@@ -46,7 +47,7 @@ def available_environments(split: str | None) -> tuple[str, ...]:
             chosen.append(item["id"])
     if not chosen:
         raise DatasetError(
-            f"no environment with data has walks in a {split or 'test'!r} split; see `pdrbench list envs`"
+            f"no environment with data has walks in a {split or SCORED_SPLIT!r} split; see `pdrbench list envs`"
         )
     return tuple(chosen)
 
@@ -127,7 +128,7 @@ def sorted_out(
             continue
         if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
             reasons[name] = (
-                f"it is given the reference, which the {split or 'test'!r} split withholds: "
+                f"it is given the reference, which the {split or SCORED_SPLIT!r} split withholds: "
                 f"it runs with --split train, and in `pdrbench check env`"
             )
             continue
@@ -161,7 +162,7 @@ def suited_localizers(
     found = {}
     for env in envs:
         task = make_task(env)
-        why = declining(chosen, env, split or task.scored_split)
+        why = declining(chosen, env, split or SCORED_SPLIT)
         if names_all:
             for name, reason in why.items():
                 note(f"left out: {name} on {task.id}: {reason}")

@@ -9,7 +9,6 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
-    FoldsOrNone,
     Isolation,
     Jobs,
     Nonce,
@@ -18,17 +17,15 @@ from pdrbench.cli.options import (
     Split,
     Strict,
     Walks,
-    Why,
     complete_env,
     complete_localizer,
     exit_on,
     make_folder,
     nonce_of,
-    train_of,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
-from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.errors import UnsuitableError
 from pdrbench.result import FAILED
 
 
@@ -38,8 +35,6 @@ def run(
     ],
     env: Annotated[str, typer.Argument(metavar="ENV", autocompletion=complete_env, help="Registered environment.")],
     split: Split = None,
-    why: Why = "",
-    folds: FoldsOrNone = None,
     seeds: SeedsOrNone = None,
     walks: Walks = None,
     jobs: Jobs = 1,
@@ -61,29 +56,24 @@ def run(
         footnotes,
         is_declined,
         last_line,
-        print_folds,
         print_scores,
         warnings_of,
     )
 
     with answer_only(as_json):
-        split, nonce = train_of(folds, split), nonce_of(nonce)
+        nonce = nonce_of(nonce)
         check_localizer_exists(localizer, isolation)
         env = ready_environment(env, split)
         if out is not None:
             make_folder(out)
-        elif why:
-            raise PdrbenchError("a look at a sealed test split is stored with its ledger: add --out FOLDER")
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench_lab.reproduce.tune import by_fold
 
         with on_cluster(scheduler):
             results = evaluate(
                 localizer,
                 env,
                 split=split,
-                why=why,
                 seeds=seeds,
                 walks=walks,
                 jobs=jobs,
@@ -95,12 +85,10 @@ def run(
         if is_declined(results.results):
             raise UnsuitableError(f"{localizer} does not suit {env}: {last_line(results.results[0].failure)}")
         rows = results.rows()
-        of_folds = by_fold(results, folds) if folds else []
     if as_json:
-        print_json({"rows": rows} | ({"folds": of_folds} if folds else {}))
+        print_json({"rows": rows})
     else:
         print_scores(rows, results.results)
-        print_folds(of_folds)
     for line in [*footnotes(results.results), *warnings_of([env])]:
         note(line)
     if nonce:

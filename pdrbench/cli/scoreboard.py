@@ -60,17 +60,6 @@ def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
         print_table(head, cells, title, [LABELS.get(name, name) for name in DISPENSABLE])
 
 
-def print_folds(rows: Iterable[Row]) -> None:
-    """One table per environment: the mean error of each localizer on each fold."""
-    tables: dict[str, dict[str, list[str]]] = {}
-    for row in rows:
-        tables.setdefault(row["env"], {}).setdefault(row["localizer"], []).append(decimals(row["mean_m"]))
-    for env, lines in tables.items():
-        head: dict[str, Mapping[str, Any]] = {"localizer": {"no_wrap": True}}
-        head |= {f"fold {k}": {"justify": "right"} for k in range(max(map(len, lines.values())))}
-        print_table(head, [[name, *cells] for name, cells in lines.items()], title=f"{env}, mean_m by fold")
-
-
 def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, names of the columns, and cells of each table: the localizer and its values, best first."""
     from pdrbench.evaluation.wording import behind_cells, describe_interval, shown_besides, strata_cells

@@ -39,7 +39,6 @@ def evaluate(
     envs: str | Sequence[str],
     *,
     split: str | None = None,
-    why: str = "",
     seeds: int | None = None,
     walks: int | Sequence[str] | None = None,
     jobs: int = 1,
@@ -63,9 +62,8 @@ def evaluate(
         localizers: Ids, `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`, with settings where
             wanted, as `li2012?map=false`; by environment where they differ.
         envs: Environment ids.
-        split: "train", "val", "test" or "heldout"; None: "test", but "val" of a sealed environment. A localizer that
-            needs the truth is unsuitable for the last two.
-        why: Not used.
+        split: "train", "val", "test" or "heldout"; None: "test". A localizer that needs the truth is unsuitable for the
+            last two.
         seeds: Every walk is run with the seeds 0 to `seeds` - 1. None: 1, but as many as the leaderboard has (5 where
             there is none) for a localizer whose answers on the first two walks of an environment differ between two.
         walks: Only the first so many of the split, or those with these ids. None: those of the leaderboard of the

@@ -33,6 +33,7 @@ from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
+SCORED_SPLIT: Final = "test"  # where none is named
 HIDDEN_SPLITS: Final = ("test", HELD_OUT)  # no localizer is given their truth
 MAX_DEATHS: Final = 3  # processes of ours that may die over a walk: the machine may be short of memory
 NONE: Final = "none"  # isolation of a localizer that runs in the evaluating process
@@ -52,7 +53,6 @@ class WalkJob(Job):
     budget: Budget
     isolation: Isolation  # what the localizer runs in
     nonce: str = field(default="", repr=False)  # of its randomness, see `randomness`
-    look: Mapping[str, Any] | None = None  # what is known of the look at a sealed split that it belongs to
     # Behind the walks, where they are held out; never handed to what runs a localizer, never stored
     secret: str | None = field(default=None, repr=False)
 
@@ -115,7 +115,7 @@ def plan_walks(
                 f"two environments call themselves {env}: {places[env] or 'the registered one'} and {place}"
             )
         code = {"environment_sha256": environment_sha256(place or env), "core_sha256": core}
-        played = split or task.scored_split
+        played = split or SCORED_SPLIT
         protocol = protocol_of(env, played)
         for walk in _chosen(task, played, protocol.walks if walks is None else walks):
             sources = task.walk_identity(walk) | code
@@ -192,7 +192,6 @@ def provenance_of(job: WalkJob) -> dict[str, object]:
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
         **({} if job.task == job.env else {"task": job.task}),
-        **({} if job.look is None else {"look": dict(job.look)}),
         **({} if not job.nonce or job.secret is not None else {"nonce": job.nonce}),
         **({} if job.secret is None else {"held_out": commitment(job.secret)}),
     }

@@ -130,7 +130,6 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
         "localizers": {"OfficeStride-v0": ["stay-v0", "dead_reckoning-v0"]},
         "envs": ("OfficeStride-v0",),
         "split": "val",
-        "why": "",
         "seeds": 2,
         "walks": 3,
         "jobs": 2,

@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
-from pdrbench import __version__
+from pdrbench import __version__, cli
 from pdrbench.cli import data
 from pdrbench.cli.output import print_json
+from pdrbench.errors import PdrbenchError
 
 PROGRAM = [sys.executable, "-c", "from pdrbench.cli import main; main()"]
 
@@ -190,3 +193,15 @@ def test_no_color_is_honoured(wanted: bool, command: Any, monkeypatch: pytest.Mo
         monkeypatch.setenv("NO_COLOR", "1")
     outcome = command("compare", "--no-such-option")
     assert bool(re.search(r"\x1b\[[0-9;]*\b[39][0-7]m", outcome.err)) != wanted
+
+
+@pytest.mark.parametrize("arguments", [["reproduce", "woodman2008", "--quick"], ["bench"], ["validate-sim", "--help"]])
+def test_a_command_of_the_laboratory_says_how_to_get_it(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    app = typer.Typer()
+    monkeypatch.setattr(cli, "app", app)
+    monkeypatch.setattr(cli, "entries", lambda group: {})
+    cli._add_commands.__wrapped__()
+    outcome = CliRunner().invoke(app, arguments)
+    assert isinstance(outcome.exception, PdrbenchError)
+    assert f"`pdrbench {arguments[0]}` comes with the laboratory" in str(outcome.exception)
+    assert "pip install -e lab" in str(outcome.exception)

@@ -274,7 +274,6 @@ class _Opening:
                 units=units,
                 unit_kind=settings.unit_kind if units else "building",
                 groups={walk: table.group for walk, table in self._tables.items() if table.group},
-                sealed=settings.sealed,
             )
         except RecordingError as error:
             raise RecordingError(f"{self._path}: {error}") from error

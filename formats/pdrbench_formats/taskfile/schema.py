@@ -37,7 +37,6 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         sensors: Offered; None for all that a walk has.
         derive: Whether sensors that are missing are computed from others.
         unit_kind: What the `unit` of a walk is, for tables: "session", "person".
-        sealed: Whether the test split is played only for a stated reason, and looks at it are counted.
     """
 
     id: str = ""
@@ -50,7 +49,6 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     sensors: tuple[_Name, ...] | None = None
     derive: bool = True
     unit_kind: _Name = "session"
-    sealed: bool = False
 
 
 class AlignTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):

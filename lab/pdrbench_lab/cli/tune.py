@@ -12,7 +12,6 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
-    Folds,
     Isolation,
     Jobs,
     Seeds,
@@ -36,7 +35,9 @@ def tune(
     param: Annotated[
         list[str], typer.Option(metavar="NAME=A,B,C", help="Values of a parameter to try; repeat for several.")
     ],
-    folds: Folds = 5,
+    folds: Annotated[
+        int, typer.Option(min=2, metavar="N", help="Parts of the train split, each of whole sessions or buildings.")
+    ] = 5,
     metric: Annotated[str, typer.Option(metavar="METRIC", help="What is made best.")] = "mean_m",
     most: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Random combinations instead of all.", show_default="all")

@@ -169,7 +169,7 @@ def _measure(given: argparse.Namespace) -> None:
         print(f"{name}:")  # noqa: T201
         for env in [given.only] if given.only else MEASURED:
             if env == "mall" and given.split == "test":
-                print("  the test split of MallPhone-v1 is sealed: play it with pdrbench compare, which asks why")  # noqa: T201
+                print("  play the test split of MallPhone with pdrbench compare")  # noqa: T201
             else:
                 of_mall[name] = _measure_in(network, env, given)
     if len(of_mall) == 2 and given.only in (None, "mall"):

@@ -108,7 +108,6 @@ def mall_task(walks: Sequence[Recording], radio_map: Callable[[Recording], Radio
         units={},
         groups={},
         folds={},
-        sealed=False,
         load=by_name.__getitem__,
         radio_map=radio_map,
         source="generated",

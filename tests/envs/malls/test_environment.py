@@ -56,7 +56,7 @@ def in_order(task: Task, split: str, of_each_kind: int = 1) -> list[str]:
 @pytest.mark.parametrize("make", [task, task_lost])
 def test_a_task_needs_no_data_until_it_loads(fresh: Path, make: Any) -> None:
     made = make()
-    assert (made.note, made.dataset, made.sealed, made.unit_kind) == ("", "ilc20_full", True, "outing")
+    assert (made.note, made.dataset, made.unit_kind) == ("", "ilc20_full", "outing")
     with pytest.raises(DatasetError, match="data fetch ilc20_full"):
         made.load(made.split("test")[0])
 

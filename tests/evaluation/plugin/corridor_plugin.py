@@ -17,7 +17,7 @@ ENVIRONMENTS = {
     "Corridor-v0": "corridor_plugin:task",
     "CorridorLost-v0": "corridor_plugin:lost_task",
     "CorridorUnpinned-v0": "corridor_plugin:unpinned_task",
-    "CorridorSealed-v0": "corridor_plugin:sealed_task",
+    "CorridorFolds-v0": "corridor_plugin:folds_task",
 }
 LOCALIZERS: dict[str, str] = {}
 WALKS = {
@@ -71,14 +71,14 @@ def unpinned_task() -> Task:
     return dataclasses.replace(task(), id="CorridorUnpinned-v0")
 
 
-def sealed_task() -> Task:
+def folds_task() -> Task:
     """Seven walks of train in four sessions."""
     train = tuple(f"train-{i}" for i in range(7))
     units = (
         {walk: f"session {i // 2}" for i, walk in enumerate(train)} | {"val-0": "v"} | dict.fromkeys(WALKS["test"], "t")
     )
     walks = {**WALKS, "train": train}
-    return dataclasses.replace(task(), id="CorridorSealed-v0", sealed=True, walks=walks, units=units)
+    return dataclasses.replace(task(), id="CorridorFolds-v0", walks=walks, units=units)
 
 
 def note_load(walk: str) -> None:

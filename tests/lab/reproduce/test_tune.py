@@ -11,7 +11,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.registry import make_task
 from pdrbench_lab.reproduce.tune import folds_of, grid, tune
 
-SEALED = "CorridorSealed-v0"
+SEALED = "CorridorFolds-v0"
 WALKS = [f"train-{i}" for i in range(7)]
 # Error of each candidate on the walks of train: each of the first two is best on one half only.
 ERRORS_M = {"a": [0, 0, 0, 0, 9, 9, 9], "b": [9, 9, 9, 9, 0, 0, 0], "c": [4, 4, 4, 4, 5, 5, 5]}
