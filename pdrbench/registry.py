@@ -36,8 +36,6 @@ from pdrbench.task import Task, commitment
 
 ENVIRONMENTS_GROUP = "pdrbench.environments"
 LOCALIZERS_GROUP = "pdrbench.localizers"
-REPRODUCTIONS_GROUP = "pdrbench.reproductions"
-BENCHES_GROUP = "pdrbench.benches"
 COMMANDS_GROUP = "pdrbench.commands"
 EXCHANGES_GROUP = "pdrbench.exchanges"  # what reads task files, packs and exports them
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them

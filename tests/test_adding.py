@@ -1,4 +1,4 @@
-"""One file and one line add an environment, a localizer, a metric, a reader, a sensor, a bench or a command.
+"""One file and one line add an environment, a localizer, a metric, a reader, a sensor or a command.
 
 From outside: a package with entry points on the path. From inside: a copy of the product with one file and one line
 more for each kind. The commands list and use what was added.
@@ -119,17 +119,6 @@ FILES = {
         READER = Reader(read, lambda head: head.content.startswith(b"tiny log"))
         """,
     ),
-    "bench": (
-        "benches",
-        "tiny",
-        "run",
-        """
-        from pdrbench.bench import Timing
-
-        def run(quick, report):
-            return [Timing("tiny", 1.0, "s")]
-        """,
-    ),
     "command": (
         "commands",
         "tiny",
@@ -149,17 +138,15 @@ INSIDE = {
     "localizer": ("pdrbench_baselines", "LOCALIZERS"),
     "metric": ("pdrbench.metrics", "BUILTIN"),
     "reader": ("pdrbench.io", "BUILTIN"),
-    "bench": ("pdrbench.bench", "BENCHES"),
     "command": ("pdrbench.cli", "COMMANDS"),
 }
 COMMANDS = [
-    *(["list", kind, "--json"] for kind in ("localizers", "metrics", "sensors", "formats", "benches")),
+    *(["list", kind, "--json"] for kind in ("localizers", "metrics", "sensors", "formats")),
     ["check", "env", "Tiny-v0", "--json"],
     ["check", "localizer", "tiny-v0", "--env", "Tiny-v0", "--json"],
     ["inspect", "log.txt", "--json"],
     ["convert", "log.txt", "walk", "--json"],
     ["compare", "--env", "Tiny-v0", "--localizer", "tiny-v0", "--json"],
-    ["bench", "tiny", "--json"],
     ["tiny"],
 ]
 # One process for all commands, since starting one costs more than most of them.
@@ -232,7 +219,7 @@ def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None
     assert answers.pop("tiny")[1] == "tiny command\n"
     found = {name: json.loads(out) for name, (_, out) in answers.items()}
     for kind, name in {
-        "localizers": "tiny-v0", "metrics": "tiny_m", "sensors": "thermometer", "formats": "tiny", "benches": "tiny",
+        "localizers": "tiny-v0", "metrics": "tiny_m", "sensors": "thermometer", "formats": "tiny",
     }.items():  # fmt: skip
         (item,) = [item for item in found[f"list {kind} --json"]["items"] if item["id"] == name]
         assert item["broken"] is None and item["package"] == ("tiny" if add is add_from_outside else "pdrbench")
@@ -244,4 +231,3 @@ def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None
     assert (work / "walk" / "stream.thermometer.npy").is_file()
     (row,) = found["compare --env Tiny-v0 --localizer tiny-v0 --json"]["rows"]
     assert row["metrics"]["mean_m"]["value"] == 0 and row["metrics"]["tiny_m"]["value"] == 4.25
-    assert found["bench tiny --json"]["results"][0]["name"] == "tiny"

@@ -21,8 +21,6 @@ EXCHANGES: Final = {
     "derived": "pdrbench_formats.derive:derived_streams",
 }
 
-BENCHES: Final = {"readers": "pdrbench_formats.bench:run"}
-
 # Apps whose tables differ by their names only: each TOML file there is one.
 _APPS: Final = sorted(path.stem for path in (Path(__file__).parent / "recordings").glob("*.toml"))
 

@@ -60,10 +60,14 @@ COMMANDS = {
 }
 
 BENCHES = {
+    "environment": "pdrbench_lab.speed.environment:run",
+    "evaluation": "pdrbench_lab.speed.evaluation:run",
     "inertial": "pdrbench_lab.foot_ins.bench:run",
     "particles": "pdrbench_lab.papers.woodman2008.bench:run",
     "phone": "pdrbench_lab.papers.li2012.bench:run",
+    "processes": "pdrbench_lab.speed.processes:run",
     "radio": "pdrbench_lab.papers.frank2009.bench:run",
+    "readers": "pdrbench_lab.speed.readers:run",
     "simulate": "pdrbench_lab.speed.simulate:run",
 }
 

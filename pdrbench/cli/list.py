@@ -1,4 +1,4 @@
-"""`pdrbench list envs|localizers|reproductions|metrics|sensors|formats|benches|datasets`."""
+"""`pdrbench list envs|localizers|metrics|sensors|formats|datasets`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ import typer
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.registry import (
-    BENCHES_GROUP,
     ENVIRONMENTS_GROUP,
     LOCALIZERS_GROUP,
-    REPRODUCTIONS_GROUP,
     PluginEntry,
     broken,
     entries,
@@ -112,28 +110,6 @@ def localizers(as_json: AsJson = False) -> None:
     _print_items(items, head, as_json, lambda item: [item["id"], item["package"], item["summary"]])
 
 
-@app.command("reproductions")
-def reproductions(as_json: AsJson = False) -> None:
-    """Registered reproductions of papers."""
-
-    def describe(entry: PluginEntry) -> Item:
-        from pdrbench_lab.reproduce.reproduce import load_reproduction
-
-        found, _ = load_reproduction(entry.id)
-        return {
-            "paper": found.paper,
-            "claims": len(found.claims),
-            "gates": sum(claim.gate is not None for claim in found.claims),
-            "experiments": {experiment.name: experiment.seeds for experiment in found.experiments},
-            "figures": bool(found.figures),
-        }
-
-    with answer_only(as_json):
-        items = _items(entries(REPRODUCTIONS_GROUP), REPRODUCTIONS_GROUP, describe)
-    head = {"id": WHOLE, "from": WHOLE, "claims": RIGHT, "paper": REST}
-    _print_items(items, head, as_json, lambda item: [item["id"], item["package"], str(item["claims"]), item["paper"]])
-
-
 @app.command("metrics")
 def metrics(as_json: AsJson = False) -> None:
     """Metrics, their units, and which direction is better."""
@@ -167,14 +143,6 @@ def formats(as_json: AsJson = False) -> None:
     from pdrbench.io import READERS
 
     items = _items(READERS.entries(), READERS.group, lambda entry: _module_summary(READERS[entry.id].read))
-    _print_items(items, {"id": WHOLE, "package": WHOLE, "summary": REST}, as_json)
-
-
-@app.command("benches")
-def benches(as_json: AsJson = False) -> None:
-    """What `bench` times."""
-    with answer_only(as_json):
-        items = _items(entries(BENCHES_GROUP), BENCHES_GROUP, lambda entry: _module_summary(entry.load()))
     _print_items(items, {"id": WHOLE, "package": WHOLE, "summary": REST}, as_json)
 
 

@@ -25,7 +25,7 @@ from pdrbench_baselines.fusion.params import FUSION_V1, FUSION_V2, FusionParams
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.reckoning import BRIDGED_FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer, mean_move
 from pdrbench_baselines.learned.signals import HORIZON
-from pdrbench_lab.papers.li2012.steps import corridor
+from pdrbench_sim.buildings.ring_floor import bare_ring
 
 
 def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool = False, doubt: float = 0.0) -> Move:
@@ -211,7 +211,7 @@ def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing
         readings, nothing = np.array([[1.0, -50.0, 0.0], [1.0, -70.0, 0.0]]), np.zeros(2, dtype=np.int64)
         places_m = np.array([[0.0, 0.0], [10.0, 0.0]])
         radio_map = survey_of_readings(places_m, nothing, np.arange(2), [1, 1], readings, surveyed=surveyed)
-    return Briefing(corridor(), sensors, 0.2, Start(np.zeros(2), 0), radio_map)
+    return Briefing(bare_ring(), sensors, 0.2, Start(np.zeros(2), 0), radio_map)
 
 
 def claimed_m(params: FusionParams, surveyed: bool | None) -> float:

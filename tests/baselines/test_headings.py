@@ -23,7 +23,7 @@ from pdrbench_baselines.learned.localizer import motion_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
-from pdrbench_lab.papers.li2012.steps import corridor
+from pdrbench_sim.buildings.ring_floor import bare_ring
 
 PARAMS = CompassParams()
 
@@ -39,7 +39,7 @@ class Walks:
 
 def briefing(*sensors: str, heading_rad: float | None = None) -> Briefing:
     specs = {name: dataclasses.replace(sensor_spec(name), rate_hz=50.0) for name in sensors}
-    return Briefing(corridor(), specs, 0.2, Start(np.zeros(2), 0, heading_rad=heading_rad), None)
+    return Briefing(bare_ring(), specs, 0.2, Start(np.zeros(2), 0, heading_rad=heading_rad), None)
 
 
 def disturbed(seconds: float) -> dict[str, FloatArray]:
@@ -111,7 +111,7 @@ def turned_cloud(mean_rad: float) -> FloatArray:
     """(N,) headings, as the gyroscope has them, of a cloud whose compass has moved by so much within eight seconds."""
     compass = CompassMean(PARAMS)
     params = LearnedMapFilterParams(num_particles=4000, bias_sigma_rad=compass.spread_rad)
-    cloud = Cloud(corridor(), np.random.default_rng(7), params, 0, None)
+    cloud = Cloud(bare_ring(), np.random.default_rng(7), params, 0, None)
     cloud.begin_near(np.zeros(2))
     for k in range(8):
         cloud.turn(compass.update(mean_rad * (k + 1) / 8, k + 1.0), compass)
@@ -139,12 +139,12 @@ def test_who_is_carried_away_may_walk_in_any_direction() -> None:
     """Half of those; a mean of headings on both sides of backwards is backwards, not ahead."""
     places_m, readings = np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([[1.0, -50.0, 0.0], [1.0, -70.0, 0.0]])
     survey = survey_of_readings(places_m, np.zeros(2, np.int64), np.arange(2), [1, 1], readings, surveyed=True)
-    radio = RadioEvidence(survey, corridor(), GpWifiParams(), 1.0)
+    radio = RadioEvidence(survey, bare_ring(), GpWifiParams(), 1.0)
     nothing = np.zeros((len(radio.xy_m), len(radio.prior)))
     turned = []
     for turned_fraction in (0.0, 0.5):
         params = LearnedMapFilterParams(num_particles=4000, bias_sigma_rad=0.1)
-        cloud = Cloud(corridor(), np.random.default_rng(3), params, 0, radio)
+        cloud = Cloud(bare_ring(), np.random.default_rng(3), params, 0, radio)
         cloud.begin_near(np.zeros(2))
         cloud.weigh_by(nothing, 0.4, turned_fraction)
         turned.append(float((np.abs(cloud.bias_rad) > 0.5).mean()))

@@ -95,16 +95,15 @@ def test_a_broken_environment_is_reported_in_the_plain_listing_too(outside: Path
     assert "rusted through" in line
 
 
-@pytest.mark.parametrize("kind", ["envs", "localizers", "metrics", "sensors", "formats", "datasets", "reproductions"])
+@pytest.mark.parametrize("kind", ["envs", "localizers", "metrics", "sensors", "formats", "datasets"])
 def test_a_terminal_of_80_columns_breaks_no_word(kind: str, command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     items = command("list", kind, "--json").json["items"]
     out = command("list", kind).out
     assert max(map(len, out.splitlines())) <= 80 and "…" not in out
     said = set(out.split())
-    column = "paper" if kind == "reproductions" else "summary"
     for item in items:
-        assert item["id"] in said and {*item.get(column, "").rstrip(".").split()} <= {*said, *map(_bare, said)}, item
+        assert item["id"] in said and {*item.get("summary", "").rstrip(".").split()} <= {*said, *map(_bare, said)}, item
 
 
 def _bare(word: str) -> str:

@@ -1,17 +1,15 @@
-"""The smoother, a modified Bryson-Frazier one, against Rauch-Tung-Striebel in matrices, and against the truth."""
+"""The smoother, a modified Bryson-Frazier one, against the truth; `test_twins` has it against matrices."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pdrbench.inertial import ADAPTIVE, LITERAL, ROBUST, FieldParams, FootParams, navigate, navigate_smoothed
+from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, navigate, navigate_smoothed
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
-from pdrbench_lab.foot_ins.bench import plain_filter, plain_smooth
 
 
 def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -20,36 +18,6 @@ def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
     x, cov = done.states.x.copy(), done.states.cov.copy()
     smooth(done.record, np.zeros(count), np.zeros((count, count)), done.start.size, x, cov)
     return x, cov
-
-
-CASES = {
-    "9 states": (LITERAL, 0.003, False),
-    "15 states": (ADAPTIVE, 0.003, False),
-    "robust": (ROBUST, 0.003, False),
-    "reweighted": (replace(ROBUST, accel_bias_mps2=0.3, ties_level=True, slip_mps=0.3), 0.003, False),
-    "clipped": (replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_fraction=0.8), 0.003, False),
-    "magnetometer": (replace(ADAPTIVE, field=FieldParams()), 0.003, True),
-    "switched on with a bias": (ADAPTIVE, 0.035, False),
-}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_the_kernel_is_rauch_tung_striebel(
-    name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any
-) -> None:
-    params, bias, has_field = CASES[name]
-    motion = walk(2, turn_rad=0.5, rise_m=0.17)
-    measured = measure(motion, rng, accel_bias=(0.03, -0.02, 0.05), gyro_bias=(bias, 0.001, -bias))
-    kept = np.r_[0:260, 300 : len(motion)]  # and a gap
-    field = earth_field(motion)[kept] if has_field else None
-    done = run_kernel(type(measured)(*(v[kept] for v in measured)), params, field)
-    x, cov = smoothed(done)
-    twin_x, twin_cov = plain_smooth(plain_filter(done.start, *done.arguments))
-    assert np.abs(x - done.states.x).max() > 0.01  # it does something
-    np.testing.assert_allclose(x, twin_x[:, :16], atol=1e-9)
-    assert (
-        np.abs(cov - twin_cov) / np.abs(twin_cov).max(axis=0)
-    ).max() < 1e-6  # the twin inverts what is nearly singular
 
 
 @pytest.mark.parametrize("params", [LITERAL, ADAPTIVE], ids=["9", "15"])

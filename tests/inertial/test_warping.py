@@ -1,4 +1,4 @@
-"""Dynamic time warping against plain NumPy, and properties of every such distance."""
+"""Dynamic time warping: properties of every such distance; `test_twins` has it against plain NumPy."""
 
 from __future__ import annotations
 
@@ -7,15 +7,6 @@ import pytest
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
-from pdrbench_lab.papers.li2012.bench import plain_warped_distance
-
-
-def test_compiled_distances_agree_with_plain_numpy(rng):
-    for _ in range(200):
-        n, m = rng.integers(1, 15, 2)
-        one, other, band = rng.normal(size=n), rng.normal(size=m), int(rng.integers(0, 15))
-        assert warped_distance(one, other, band) == pytest.approx(plain_warped_distance(one, other, band))
-        assert warped_distance(one, other) == pytest.approx(plain_warped_distance(one, other))
 
 
 @pytest.mark.parametrize("band", [None, 0, 3])

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from pdrbench.building import Building
+from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench_sim.buildings.assembly import Cell, Draft, Opening, Span, mm, rectangle
@@ -123,6 +123,25 @@ def make_ring(plan: RingFloor, name: str) -> Building:
     if not plan.is_open:
         draft.openings.clear()
     return draft.building(name, ("office",))
+
+
+def bare_ring(long_m: float = 31.0, short_m: float = 15.0, width_m: float = 2.0) -> Building:
+    """A corridor round a block without doors and rooms; its middle line begins at (0, 0). Default sizes are L1's."""
+
+    def around(out_m: float) -> FloatArray:
+        x, y = long_m + out_m, short_m + out_m
+        return np.array([[-out_m, -out_m], [x, -out_m], [x, y], [-out_m, y]])
+
+    half_m = width_m / 2
+    ring = FloorPolygon(
+        id=CORRIDOR_ID,
+        outline_xy_m=around(half_m),
+        neighbour=np.full(8, WALL),
+        height_m=0.0,
+        level=0,
+        holes=(around(-half_m)[::-1],),
+    )
+    return Building(name="ring", polygons=(ring,))
 
 
 def corridor_polygon(building: Building, count: int) -> IntArray:

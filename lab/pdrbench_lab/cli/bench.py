@@ -3,35 +3,44 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 
 if TYPE_CHECKING:
-    from pdrbench.bench import Timing
+    from pdrbench_lab.speed.timing import Timing
 
 
 def bench(
-    what: Annotated[
-        str,
-        typer.Argument(metavar="WHAT", help="What to time: inertial, isolation, particles, phone, radio or simulate."),
-    ],
+    what: Annotated[str | None, typer.Argument(metavar="WHAT", help="What to time; without it, what there is.")] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A tenth of the size, fewer rounds: to see that it runs.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Time the hot code beside what one would use instead, in turns in one run."""
-    from pdrbench.registry import BENCHES_GROUP, find_entry
+    from pdrbench.registry import entries, find_entry
+    from pdrbench_lab.speed.timing import BENCHES_GROUP
 
+    if what is None:
+        summaries = {name: _summary(found.load()) for name, found in entries(BENCHES_GROUP).items()}
+        if as_json:
+            return print_json({"items": [{"id": name, "summary": text} for name, text in summaries.items()]})
+        return print_table({"id": {"no_wrap": True}, "summary": {"ratio": 1}}, [*summaries.items()])
     entry = find_entry(BENCHES_GROUP, "bench", what)
     with answer_only(as_json):
         rows = entry.load()(quick, lambda doing: note(f"{what}: {doing}"))
-    print_timings(rows, as_json)
+    return print_timings(rows, as_json)
+
+
+def _summary(function: Callable[..., Any]) -> str:
+    """The first paragraph of the docstring of its module, on one line."""
+    return (inspect.getdoc(inspect.getmodule(function)) or "").partition("\n\n")[0].replace("\n", " ")
 
 
 def print_timings(rows: Sequence[Timing], as_json: bool) -> None:

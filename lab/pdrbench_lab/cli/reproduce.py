@@ -27,8 +27,12 @@ HEAD: Final[Mapping[str, Mapping[str, Any]]] = {
 
 def reproduce(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Registered reproduction of a paper, or package.module:REPRODUCTION.")
-    ],
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help="Registered reproduction of a paper, or package.module:REPRODUCTION; without it, what is registered.",
+        ),
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few seeds and rough figures: minutes, not hours.")] = False,
     seeds: Annotated[
         int | None,
@@ -47,6 +51,8 @@ def reproduce(
 
     What a run before has measured is not measured again. Exit 1 where something could not be measured or drawn.
     """
+    if name is None:
+        return _print_registered(as_json)
     with answer_only(as_json):
         from pdrbench_lab.reproduce import reproduce as machinery
 
@@ -77,3 +83,40 @@ def reproduce(
     missed = list(dict.fromkeys(row["id"] for row in rows if row["pass"] is False))
     if strict and missed:
         raise PdrbenchError(f"gates missed: {', '.join(missed)}")
+    return None
+
+
+def _print_registered(as_json: bool) -> None:
+    """Everything that can be reproduced, and on standard error what does not load."""
+    from pdrbench.registry import broken, entries
+    from pdrbench_lab.reproduce.reproduce import load_reproduction
+    from pdrbench_lab.reproduce.reproduction import REPRODUCTIONS_GROUP
+
+    items: list[dict[str, Any]] = []
+    reasons = dict(broken(REPRODUCTIONS_GROUP))
+    with answer_only(as_json):
+        for key, entry in entries(REPRODUCTIONS_GROUP).items():
+            try:
+                found, _ = load_reproduction(key)
+            except PdrbenchError as error:
+                reasons[key] = str(error)
+                continue
+            items.append(
+                {
+                    "id": key,
+                    "package": entry.package,
+                    "paper": found.paper,
+                    "claims": len(found.claims),
+                    "gates": sum(claim.gate is not None for claim in found.claims),
+                    "experiments": {experiment.name: experiment.seeds for experiment in found.experiments},
+                    "figures": bool(found.figures),
+                    "broken": None,
+                }
+            )
+    if as_json:
+        return print_json({"items": items + [{"id": key, "broken": why} for key, why in reasons.items()]})
+    head = {"id": {"no_wrap": True}, "from": {"no_wrap": True}, "claims": {"justify": "right"}, "paper": {"ratio": 1}}
+    print_table(head, [[item["id"], item["package"], str(item["claims"]), item["paper"]] for item in items])
+    for key, why in reasons.items():
+        note(f"broken: {key}: {why}")
+    return None

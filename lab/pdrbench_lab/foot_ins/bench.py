@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 import numba
 import numpy as np
 
-from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootParams, FootStates, empty_record, empty_states, level
 from pdrbench.inertial.foot_filter import run as run_kernel
@@ -32,6 +31,7 @@ from pdrbench.inertial.zero_velocity import (
     statistic,
     window_rows,
 )
+from pdrbench_lab.speed.timing import Timing, median_s
 
 PLAIN: Final = "plain NumPy"
 NUM_WALKS: Final = 16

@@ -33,10 +33,8 @@ FORMAT: Final = "pdrbench-measurement 1"
 SUFFIX: Final = ".json"
 FAILURE_SUFFIX: Final = ".failure.txt"
 # Rooms and files of the core that cannot change what an experiment returns; unlike an estimate, a score can.
-NEUTRAL: Final = frozenset({"bench", "cli", "picture", "report"})
-NEUTRAL_FILES: Final = frozenset(
-    f"evaluation/{name}.py" for name in ("experiments", "progress", "reproduce", "reproduction", "trace")
-)
+NEUTRAL: Final = frozenset({"cli", "picture", "report"})
+NEUTRAL_FILES: Final = frozenset(f"evaluation/{name}.py" for name in ("progress", "trace"))
 FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}  # JSON has no numbers for these
 
 

@@ -18,7 +18,6 @@ from pdrbench.evaluation.number_text import three_digits
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.sources import machine, target_sha256, versions
 from pdrbench.registry import (
-    REPRODUCTIONS_GROUP,
     PluginEntry,
     PluginError,
     entries,
@@ -27,7 +26,14 @@ from pdrbench.registry import (
     localizers,
 )
 from pdrbench_lab.reproduce.experiments import measure, plain_numbers, plan_experiments
-from pdrbench_lab.reproduce.reproduction import Claim, Measured, Numbers, Reproduction, Value
+from pdrbench_lab.reproduce.reproduction import (
+    REPRODUCTIONS_GROUP,
+    Claim,
+    Measured,
+    Numbers,
+    Reproduction,
+    Value,
+)
 
 SEEDS_FOLDER: Final = "seeds"
 FIGURES_FOLDER: Final = "figures"

@@ -20,6 +20,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics.position import percentile
 from pdrbench.metrics.statistics import CONFIDENCE, mean_interval, quantile_interval
 
+REPRODUCTIONS_GROUP: Final = "pdrbench.reproductions"  # of entry points
 Numbers = Mapping[str, float | FloatArray]  # what an experiment returned for one seed: numbers or (N,) arrays by name
 Reduce = Callable[[FloatArray], float]
 

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 import psutil  # type: ignore[import-untyped]
 
-from pdrbench.bench.timing import Timing, median_s
 from pdrbench.recording import Recording
+from pdrbench_lab.speed.timing import Timing, median_s
 from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.record import IN_HAND, ON_FOOT, BuildingScene, Setup, make_scene, simulate_walk
 

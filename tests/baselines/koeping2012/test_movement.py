@@ -15,7 +15,6 @@ from pdrbench.geometry import IntArray
 from pdrbench_baselines.koeping2012 import movement_kernels as kernels
 from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
 from pdrbench_baselines.koeping2012.movement_cells import GridCells, cut_floor
-from pdrbench_lab.papers.woodman2008.lab_stride.lab import make_lab
 from pdrbench_sim.buildings.assembly import Cell, Opening, assemble, rectangle
 from pdrbench_sim.buildings.office import make_office
 
@@ -157,16 +156,6 @@ def test_stairs_lead_from_level_to_level_and_no_tread_falls_out(office: Building
     assert (level[source] != level[end]).any()
     rise_m = np.abs(office.height(table.cells.polygon[source]) - office.height(table.cells.polygon[end]))
     assert rise_m.max() < 2.64  # 2.64 m on the flat in one update, and no flight is steeper than 45 degrees
-
-
-@pytest.mark.slow
-@pytest.mark.long(seconds=8)
-def test_the_laboratory_fits() -> None:
-    table = build_table(make_lab(np.random.default_rng(0)))
-    assert table.cells.area_m2.sum() == pytest.approx(8725, rel=0.01)
-    assert set(parts(table.cells)) == {0}
-    assert table.nbytes < 40e6
-    assert 35_000 < table.num_cells < 60_000
 
 
 def test_draws_follow_the_table() -> None:

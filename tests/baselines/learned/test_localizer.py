@@ -35,7 +35,7 @@ from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 from pdrbench_baselines.learned.wlan import ScanLocator  # noqa: E402
 from pdrbench_lab.learned.speed import measured  # noqa: E402
 from pdrbench_lab.learned.walks import mirrored  # noqa: E402
-from pdrbench_lab.papers.li2012.steps import corridor  # noqa: E402
+from pdrbench_sim.buildings.ring_floor import bare_ring  # noqa: E402
 
 SENSORS = ("accel", "gyro", "rotation")
 
@@ -274,7 +274,7 @@ def test_walls_reveal_heading_and_length(rng: np.random.Generator) -> None:
     true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
     measured_m = 1.05 * turned(true_m, math.radians(7.0))
     end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
-    cloud = LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(), 0)
+    cloud = LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(), 0)
     cloud.begin_near(np.array([2.0, 0.0]))
     for move_m in measured_m:
         cloud.move(move_m, 0.05**2 * np.eye(2))
@@ -293,7 +293,7 @@ def briefing_with(**changes: Any) -> Briefing:
     specs = {name: dataclasses.replace(sensor_spec(name), rate_hz=50.0) for name in SENSORS}
     specs["wifi"] = sensor_spec("wifi")
     usual = {"start": Start(np.array([0.0, 0.0]), 0), "radio_map": survey_of(RING_M)}
-    return Briefing(corridor(), specs, 0.2, **(usual | changes))
+    return Briefing(bare_ring(), specs, 0.2, **(usual | changes))
 
 
 def received_dbm(xy_m: FloatArray) -> FloatArray:
@@ -364,7 +364,7 @@ def test_a_scan_in_parts_is_one_scan_and_unknown_access_points_are_ignored() -> 
 
 def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
     survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    cloud = LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(lost_share=0.0), 0)
+    cloud = LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(lost_share=0.0), 0)
     cloud.begin_near(np.array([15.0, 0.0]), radius_m=30.0)
     before_m = cloud.sigma_m
     for second in range(6):
@@ -376,7 +376,7 @@ def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) ->
 
 def test_a_lost_localizer_recovers(rng: np.random.Generator) -> None:
     survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    clouds = [LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(), 0) for _ in range(2)]
+    clouds = [LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(), 0) for _ in range(2)]
     for cloud, may_be_lost in zip(clouds, (False, True), strict=True):
         cloud.begin_near(np.array([0.0, 0.0]))
         for second in range(8):

@@ -26,7 +26,6 @@ from pdrbench_baselines.li2012.localizer import (
 )
 from pdrbench_baselines.li2012.map_filter import StepModel
 from pdrbench_baselines.li2012.user_heading import facing
-from pdrbench_lab.papers.li2012.model import generic_model
 
 STEP_HZ = 1.9
 SMALL = {"filter": {"num_particles": 500}}
@@ -206,14 +205,6 @@ def test_the_variants_differ_in_their_estimates(alley: Building) -> None:
 def test_unknown_parameters_are_named() -> None:
     with pytest.raises(PdrbenchError, match="did you mean 'personalises'"):
         Li2012({"personalise": True})
-
-
-def test_the_generic_model_is_the_fit_of_the_training_population() -> None:
-    """Four of the 23 people at three paces: near the stored line, which all of them gave."""
-    model, num_steps = generic_model(num_people=4, walk_s=30.0)
-    assert num_steps > 300
-    for frequency_hz in (1.6, 1.9, 2.2):
-        assert model.length_m(frequency_hz) == pytest.approx(GENERIC.length_m(frequency_hz), abs=0.06)
 
 
 @pytest.mark.data

@@ -18,7 +18,6 @@ from pdrbench_envs.malls.splits import (
     TEST_DRAW,
     UNSEEN,
     UNSEEN_FLOORS,
-    VAL_DRAW,
     Outing,
     Session,
     Walk,
@@ -30,7 +29,6 @@ from pdrbench_envs.malls.splits import (
     splits,
     walks,
 )
-from pdrbench_lab.malls import draw
 
 SURVEYED_AS = ("val", "test", *range(NUM_FOLDS))
 
@@ -135,9 +133,3 @@ def test_validation_is_kept_off_only_where_it_is_drawn() -> None:
     without, made = splits(TEST_DRAW, None), splits()
     assert without.val == () and without.test == made.test
     assert {walk.path for walk in made.survey("test")} < {walk.path for walk in without.survey("test")}
-
-
-@pytest.mark.data
-@pytest.mark.long(seconds=150)
-def test_the_draws_are_the_best_of_those_compared(data_root: object) -> None:
-    assert draw.best_draws() == (TEST_DRAW, VAL_DRAW)

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from pdrbench.bench import Timing
+from pdrbench_lab import BENCHES
+from pdrbench_lab.speed.timing import Timing
 
 
 def fake(quick: bool, tell: Any) -> list[Timing]:
@@ -22,6 +23,12 @@ def test_a_bench_prints_json_or_a_table(command: Any, monkeypatch: pytest.Monkey
     assert outcome.code == 0 and "working" in outcome.err
     table = command("bench", "fake")
     assert table.code == 0 and "0.5 x" in table.out
+
+
+def test_without_a_name_the_benches_are_listed(command: Any) -> None:
+    items = {item["id"]: item["summary"] for item in command("bench", "--json").json["items"]}
+    assert set(BENCHES) <= set(items) and all(items.values())
+    assert "particles" in command("bench").out
 
 
 def test_an_unknown_bench(command: Any) -> None:

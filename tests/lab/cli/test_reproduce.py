@@ -1,4 +1,4 @@
-"""`pdrbench reproduce` and `pdrbench list reproductions`, with an installed reproduction from outside."""
+"""`pdrbench reproduce`, with an installed reproduction from outside."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from pdrbench import registry
 from pdrbench.evaluation.number_text import three_digits
 
-SOURCE = Path(__file__).parents[1] / "evaluation" / "plugin" / "toy_claims.py"
+SOURCE = Path(__file__).parents[1] / "reproduce" / "plugin" / "toy_claims.py"
 
 
 @pytest.fixture(autouse=True)
@@ -99,14 +99,13 @@ def test_one_line_says_what_is_wrong(arguments: tuple[str, ...], message: str, c
 
 def test_wrong_usage(command: Any) -> None:
     assert command("reproduce", "toy", "--seeds", "0").code == 2
-    assert command("reproduce").code == 2
 
 
 def test_reproductions_are_listed(command: Any) -> None:
-    items = {item["id"]: item for item in command("list", "reproductions", "--json").json["items"]}
+    items = {item["id"]: item for item in command("reproduce", "--json").json["items"]}
     toy = items["toy"]
     assert (toy["package"], toy["claims"], toy["gates"]) == ("toy", 4, 3)
     assert toy["experiments"] == {"clock": 2, "steps": 8} and toy["figures"] and toy["broken"] is None
     assert "nowhere" in items["gone"]["broken"]
-    outcome = command("list", "reproductions")
+    outcome = command("reproduce")
     assert "Journal of Closed Forms" in outcome.out and "broken: gone: " in outcome.err

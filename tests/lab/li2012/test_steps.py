@@ -11,6 +11,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_lab.papers.li2012 import steps as li2012_steps
 from pdrbench_lab.step_count import StepCount
+from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.people.route import navigation_mesh
 
 
@@ -29,7 +30,7 @@ def test_the_same_seed_gives_the_same_numbers_and_another_one_others():
 
 
 def test_a_walk_round_the_corridor_is_known_step_by_step():
-    phones, heel_s = li2012_steps.walked(np.random.default_rng(4), navigation_mesh(li2012_steps.corridor()), 1, 10.0)
+    phones, heel_s = li2012_steps.walked(np.random.default_rng(4), navigation_mesh(bare_ring()), 1, 10.0)
     assert set(phones) == {"hand", "pocket"}
     assert (heel_s > 10.0).all() and 80 < len(heel_s) < 180  # 92 m
     gaps_s = np.diff(heel_s)

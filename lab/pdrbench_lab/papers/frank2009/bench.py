@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pdrbench.bench.timing import Prepared, Timing, median_s
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.radio import UNHEARD_DBM, ScanMatcher, strength
 from pdrbench.radio.matching import POWER
@@ -17,6 +16,7 @@ from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench_baselines.frank2009.histograms import HistogramTable
 from pdrbench_baselines.frank2009.warm import warm_up
+from pdrbench_lab.speed.timing import Prepared, Timing, median_s
 
 if TYPE_CHECKING:
     from sklearn.neighbors import NearestNeighbors

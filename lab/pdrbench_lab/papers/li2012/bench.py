@@ -12,7 +12,6 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import firwin
 
-from pdrbench.bench.timing import Timing, median_s
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GRAVITY_MPS2, RATE_HZ, Stage, StepDetector, StepParams, find_steps
@@ -22,6 +21,7 @@ from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer
 from pdrbench.trajectory import Start
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter
+from pdrbench_lab.speed.timing import Timing, median_s
 
 OTHER: Final = "dtaidistance"  # a library whose C code is known to be fast
 WITHOUT_OTHER: Final = "not compared: dtaidistance is not installed"

@@ -32,6 +32,7 @@ from pdrbench_lab.reproduce.reproduction import (
     largest_over_seeds,
     mean_over_walks,
 )
+from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import stances
@@ -143,7 +144,7 @@ def choose_by_others(error_pct: FloatArray, group: Any) -> FloatArray:
 
 def short_walks(seed: int, people: int = PEOPLE) -> dict[str, Any]:
     """Simulated people who stop after 3 to 9 m, phones in the hand and in a pocket: errors of the count in percent."""
-    mesh = navigation_mesh(walks.corridor())
+    mesh = navigation_mesh(bare_ring(walks.LONG_M, walks.SHORT_M, walks.WIDTH_M))
     made, counts = [], {"adaptive": [], "gentle": []}  # type: ignore[var-annotated]
     for rng in np.random.default_rng([seed, 9]).spawn(people):
         who, how, gait, legs, *own = rng.spawn(4 + len(walks.CARRIED))

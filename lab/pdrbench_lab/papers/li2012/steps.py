@@ -12,12 +12,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.datasets import dataset
 from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, find_steps
 from pdrbench_lab.papers.li2012.step_scores import EventMatch, match_events
+from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.handling import TC1
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
@@ -77,7 +77,7 @@ def walking(seed: int, people: int = PEOPLE, laps: int = LAPS) -> dict[str, Any]
         walks. By person (P,) the numbers that these are made of: `false_`, `missed_`, `made_` and `miscount_pct_`.
     """
     matches: dict[tuple[Stage, str], list[EventMatch]] = {(stage, place): [] for stage in STAGES for place in CARRIED}
-    mesh = navigation_mesh(corridor())
+    mesh = navigation_mesh(bare_ring(LONG_M, SHORT_M, WIDTH_M))
     for rng in np.random.default_rng([seed, 8]).spawn(people):
         phones, heel_s = walked(rng, mesh, laps)
         for (stage, place), found in matches.items():
@@ -182,31 +182,11 @@ def heel_strikes(way: SimulatedWalk, feet: Sequence[Stances]) -> FloatArray:
     return np.sort(np.concatenate(strikes))
 
 
-def corridor() -> Building:
-    """A corridor round a block."""
-    out, within = WIDTH_M / 2, -WIDTH_M / 2
-    ring = FloorPolygon(
-        id="corridor",
-        outline_xy_m=_rectangle(out),
-        neighbour=np.full(8, WALL),
-        height_m=0.0,
-        level=0,
-        holes=(_rectangle(within)[::-1],),
-    )
-    return Building(name="corridor", polygons=(ring,))
-
-
 def round_trip(laps: int) -> list[Place]:
     """The middles of the sides, lap by lap."""
     half_x, half_y = LONG_M / 2, SHORT_M / 2
     lap = [(half_x, 0.0), (LONG_M, half_y), (half_x, SHORT_M), (0.0, half_y)]
     return [Place(0, np.array(at)) for at in [*lap * laps, lap[0]]]
-
-
-def _rectangle(out_m: float) -> FloatArray:
-    """(4, 2) counter-clockwise, so far outside the middle line."""
-    x, y = LONG_M + out_m, SHORT_M + out_m
-    return np.array([[-out_m, -out_m], [x, -out_m], [x, y], [-out_m, y]])
 
 
 def measured(motion: RigidMotion, unit: np.random.Generator, noise: np.random.Generator) -> FloatArray:

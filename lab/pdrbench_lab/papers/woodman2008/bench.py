@@ -13,7 +13,6 @@ import numba
 import numpy as np
 from numba import prange
 
-from pdrbench.bench.timing import Prepared, Timing, median_s
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import snapped_edges
 from pdrbench.building.kernels import walk_segment
@@ -25,6 +24,7 @@ from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.warm import warm_up
 from pdrbench_lab.papers.woodman2008.gpu_localizer import why_no_gpu
+from pdrbench_lab.speed.timing import Prepared, Timing, median_s
 
 PARTICLES: Final = 4_530_000  # W11: the uniform prior of the paper
 PAPER_PER_S: Final = 274_000 / 1.1  # W12

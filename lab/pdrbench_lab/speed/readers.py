@@ -12,9 +12,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from pdrbench.bench.timing import Timing, median_s
 from pdrbench.io import READERS
 from pdrbench_formats.samples import SAMPLES, getsensordata, make_walk
+from pdrbench_lab.speed.timing import Timing, median_s
 
 WALK_S: Final = 600.0  # at 100 Hz
 LOG_S: Final = 2000.0  # of GetSensorData: 60 MB

@@ -8,14 +8,14 @@ from typing import Final, Literal
 
 import numpy as np
 
-from pdrbench.bench import busy
-from pdrbench.bench.busy import Busy
-from pdrbench.bench.timing import Timing, median_s
 from pdrbench.episode import Player
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
+from pdrbench_lab.speed import busy
+from pdrbench_lab.speed.busy import Busy
+from pdrbench_lab.speed.timing import Timing, median_s
 
 PERIOD_S: Final = 0.2
 BUSY_S: Final = 1e-3  # of processor time in each step: what the overhead is measured against

@@ -1,4 +1,4 @@
-"""Medians of wall time, of several things in turns."""
+"""Timings, each beside what it is compared with, in turns in one run: ratios are comparable, seconds are not."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
+# Entry points by name: `module:function`, called with `quick` and a function that reports progress; returns rows.
+BENCHES_GROUP: Final = "pdrbench.benches"
 Prepared = Callable[[], Callable[[], object]]
 
 
