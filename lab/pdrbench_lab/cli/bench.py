@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.registry import WARM_UPS_GROUP, entries, find_entry
 
 if TYPE_CHECKING:
     from pdrbench_lab.speed.timing import Timing
@@ -24,7 +25,6 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Time the hot code beside what one would use instead, in turns in one run."""
-    from pdrbench.registry import entries, find_entry
     from pdrbench_lab.speed.timing import BENCHES_GROUP
 
     if what is None:
@@ -58,8 +58,6 @@ def print_timings(rows: Sequence[Timing], as_json: bool) -> None:
 
 def warm_up(as_json: AsJson = False) -> None:
     """Compile everything that is compiled on first use, so that no walk has to wait for it."""
-    from pdrbench.registry import WARM_UPS_GROUP, entries
-
     taken = {}
     with answer_only(as_json):
         for name, entry in entries(WARM_UPS_GROUP).items():

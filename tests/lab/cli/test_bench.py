@@ -15,7 +15,7 @@ def fake(quick: bool, tell: Any) -> list[Timing]:
 
 
 def test_a_bench_prints_json_or_a_table(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdrbench.registry.entries", lambda group: {"fake": SimpleNamespace(load=lambda: fake)})
+    monkeypatch.setattr("pdrbench_lab.cli.bench.find_entry", lambda *_: SimpleNamespace(load=lambda: fake))
     outcome = command("bench", "fake", "--quick", "--json")
     one, two = outcome.json["results"]
     assert one == {"name": "one", "value": 1.0, "unit": "s", "against": "two", "ratio": 0.5}
@@ -39,7 +39,7 @@ def test_an_unknown_bench(command: Any) -> None:
 def test_warm_up_prints_its_seconds(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: list[str] = []
     entry = SimpleNamespace(load=lambda: lambda: compiled.append("kernels"))
-    monkeypatch.setattr("pdrbench.registry.entries", lambda group: {"some": entry, "others": entry})
+    monkeypatch.setattr("pdrbench_lab.cli.bench.entries", lambda group: {"some": entry, "others": entry})
     outcome = command("warm-up", "--json")
     assert outcome.code == 0 and [item["id"] for item in outcome.json["items"]] == ["some", "others"]
     assert all(item["seconds"] >= 0 for item in outcome.json["items"]) and len(compiled) == 2

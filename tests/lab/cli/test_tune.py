@@ -49,13 +49,8 @@ def test_the_left_out_figure_and_the_parameters_to_use(command: Any, spec: str, 
     [
         (("tune", "stay-v0", *ENV, "--param", "x_m"), "--param is NAME=VALUE"),
         (("run", "stay-v0", "OfficeStride-v0", "--folds", "3", "--split", "val"), "folds are parts of the train split"),
-        (("run", "stay-v0", "OfficeStride-v0", "--split", "test", "--why", "now"), "add --out FOLDER"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(command: Any, arguments: tuple[object, ...], said: str) -> None:
     outcome = command(*arguments)
     assert outcome.code == 1 and said in outcome.err and len(outcome.err.strip().splitlines()) == 1
-
-
-def test_a_folder_without_looks(command: Any, tmp_path: Path) -> None:
-    assert command("looks", tmp_path, "--json").json == {"looks": []}
