@@ -18,6 +18,7 @@ from pdrbench.geometry import BoolArray, FloatArray
 FLOOR_COLOURS: Final = {"floor": "#f0ebdf", "stairs": "#dad3c3", "ramp": "#e4ddcd", "lift": "#cfd6dc"}
 WALL_COLOUR: Final = "#3a3a3a"
 TREAD_COLOUR: Final = "#8f8a7d"
+RISER_COLOUR: Final = "#ece7db"
 MARGIN_M: Final = 2.0
 
 Bounds = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax in metres

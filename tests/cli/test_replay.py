@@ -1,4 +1,4 @@
-"""`pdrbench replay`: a stored walk becomes a page or a film, or an error of one line."""
+"""`pdrbench replay`: a stored walk becomes a page, or an error of one line."""
 
 from __future__ import annotations
 
@@ -58,13 +58,6 @@ def test_a_page_of_a_stored_walk(command: Any, stored: Path, tmp_path: Path) -> 
     assert [file.name for file in tmp_path.iterdir()] == ["walk.html"]
 
 
-def test_a_film_of_a_localizer_that_shows_nothing(command: Any, stored: Path, tmp_path: Path) -> None:
-    (file,) = (stored / "stay").glob("*.result")
-    outcome = command("replay", file, "--out", tmp_path / "walk.gif", "--to", 4, "--fps", 5)
-    assert (outcome.code, outcome.out) == (0, f"{tmp_path / 'walk.gif'}\n")
-    assert (tmp_path / "walk.gif").read_bytes()[:6] == b"GIF89a"
-
-
 def test_a_folder_of_many_walks_asks_for_one(command: Any, stored: Path, tmp_path: Path) -> None:
     (tmp_path / "results").mkdir()
     for folder in ("toy", "stay"):
@@ -77,7 +70,6 @@ def test_a_folder_of_many_walks_asks_for_one(command: Any, stored: Path, tmp_pat
     assert empty.code == 1 and "holds 0 stored walks" in empty.err
 
 
-@pytest.mark.slow
 def test_changed_code_is_an_error_unless_it_is_allowed(
     command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

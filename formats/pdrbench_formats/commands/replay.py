@@ -28,9 +28,7 @@ Advance = Callable[[], None]
 
 def replay(
     result: Annotated[Path, typer.Argument(metavar="RESULT", exists=True, help="A stored walk, a .result file.")],
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", dir_okay=False, help="Film (.mp4 needs ffmpeg, .gif) or page (.html).")
-    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Page to write (.html).")],
     fps: Annotated[int, typer.Option(min=1, max=60, metavar="N", help="Frames a second.")] = 10,
     from_s: Annotated[float, typer.Option("--from", metavar="S", help="First second of the walk to show.")] = 0.0,
     to_s: Annotated[

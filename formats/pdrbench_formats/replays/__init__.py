@@ -1,4 +1,4 @@
-"""A walk played once more, as a page for a browser or as a film."""
+"""A walk played once more, as a page for a browser."""
 
 from __future__ import annotations
 

@@ -15,8 +15,7 @@ from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture import PLAN, exploded_view, floor_height_m, level_height_m
 from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
-from pdrbench.picture.exploded import RISER_COLOUR
-from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, is_stairs
+from pdrbench.picture.plan import FLOOR_COLOURS, RISER_COLOUR, TREAD_COLOUR, WALL_COLOUR, is_stairs
 from pdrbench.report.pages import render
 from pdrbench.report.walks import bounds_to_show
 from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay

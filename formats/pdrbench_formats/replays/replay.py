@@ -1,4 +1,4 @@
-"""One stored walk as a film or as a page that plays it: estimates and particles, observation by observation."""
+"""One stored walk as a page that plays it: estimates and particles, observation by observation."""
 
 from __future__ import annotations
 
@@ -24,15 +24,13 @@ from pdrbench.registry import make_task
 from pdrbench.result import Result, shown_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
-FPS: Final = 10  # frames a second of the film
+FPS: Final = 10  # frames a second
 FRAME_S: Final = 1.0  # of the walk between two frames, by default
 MAX_FRAMES: Final = 600  # by default
 MAX_DOTS: Final = 3000  # a frame of a page
 MAX_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
-MAX_DOTS_OF_FILM: Final = 30_000  # a frame of a film
 
 Advance = Callable[[], None]
-FORMATS: Final = (".mp4", ".gif", ".html")
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,35 +165,27 @@ def plan_replay(
 
 
 def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance: Advance = lambda: None) -> Path:
-    """Writes a film (`.mp4`, `.gif`) or a page (`.html`), whole or not at all. The reference is read as by `score`.
+    """Writes a page (`.html`), whole or not at all. The reference is read as by `score`.
 
     Args:
         replay: From `plan_replay`.
-        path: Replaced where it exists; its suffix says what is written.
+        path: Replaced where it exists.
         strict: As for `retrace`.
         advance: Called after every frame.
 
     Raises:
-        ResultError: No such format, no ffmpeg, a place that cannot be written, or answers that are not the stored ones.
+        ResultError: No such format, a place that cannot be written, or answers that are not the stored ones.
     """
-    from pdrbench_formats.replays.film import check_film, write_film
     from pdrbench_formats.replays.page import replay_page
 
     path = path.absolute()  # a localizer may change the working folder
-    if path.suffix not in FORMATS:
-        raise ResultError(f"{path}: a replay is .mp4, .gif or .html; got {path.suffix or 'no suffix'!r}")
-    is_page = path.suffix == ".html"
-    if not is_page:
-        check_film(replay, path)
-    max_dots = max_dots_of_page(len(replay)) if is_page else MAX_DOTS_OF_FILM
-    shots = _counted(replay.shots(max_dots, strict=strict), advance)
+    if path.suffix != ".html":
+        raise ResultError(f"{path}: a replay is a page, .html; got {path.suffix or 'no suffix'!r}")
+    shots = _counted(replay.shots(max_dots_of_page(len(replay)), strict=strict), advance)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         temporary.touch()
-        if is_page:
-            temporary.write_text(replay_page(replay, shots), encoding="utf-8", newline="\n")
-        else:
-            write_film(replay, shots, temporary)
+        temporary.write_text(replay_page(replay, shots), encoding="utf-8", newline="\n")
         temporary.replace(path)
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from error

@@ -9,11 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.localizer import Localizer
-from pdrbench.picture import draw_level, draw_path, estimate_style
+from pdrbench.picture import draw_level, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
 from pdrbench.report.panels import panels, save_figures
 from pdrbench_baselines.frank2009.histograms import HistogramTable
 from pdrbench_baselines.frank2009.localizer import Frank2009, WlanFrank2009
+from pdrbench_lab.drawing import draw_path
 from pdrbench_lab.papers.frank2009.experiments import ENV, LAP_MARKS, answers, errors_m
 from pdrbench_lab.papers.paper_walks import walk_of
 

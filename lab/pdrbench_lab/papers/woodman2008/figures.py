@@ -10,18 +10,7 @@ import numpy as np
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.picture import (
-    Dots,
-    draw_arrow,
-    draw_dots,
-    draw_pairs,
-    draw_path,
-    draw_region,
-    draw_zone,
-    estimate_style,
-    exploded_figure,
-    level_panels,
-)
+from pdrbench.picture import Dots, estimate_style
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench.report.cdf import cdf_figure
@@ -29,6 +18,16 @@ from pdrbench.report.panels import save_figures
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
+from pdrbench_lab.drawing import (
+    draw_arrow,
+    draw_dots,
+    draw_pairs,
+    draw_path,
+    draw_region,
+    draw_zone,
+    exploded_figure,
+    level_panels,
+)
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
 from pdrbench_lab.papers.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run
 

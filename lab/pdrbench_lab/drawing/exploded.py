@@ -10,12 +10,11 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, fill_rings, is_stairs
+from pdrbench.picture.plan import FLOOR_COLOURS, RISER_COLOUR, TREAD_COLOUR, WALL_COLOUR, fill_rings, is_stairs
 from pdrbench.picture.view import View, exploded_view, level_height_m
 
 GRID_COLOUR: Final = "#d9dde1"
 CONNECTION_COLOUR: Final = "#7a9a6a"
-RISER_COLOUR: Final = "#ece7db"
 GRID_M: Final = 10.0
 SURROUND_M: Final = 2.0  # of the grid around a level
 LABEL_FRACTION: Final = 0.06  # of the width, left of the building, for the names of the levels

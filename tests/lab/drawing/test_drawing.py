@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import math
-import time
-
 import numpy as np
 import pytest
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -15,11 +11,10 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.figure import Figure
 
 from pdrbench.building import WALL, Building, FloorRegion, Zone
-from pdrbench.picture import (
-    PLAN,
-    Dots,
-    View,
-    dots_of,
+from pdrbench.picture import PLAN, Dots, dots_of, level_height_m
+from pdrbench.picture.cloud import LEVEL_COLOURS
+from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
+from pdrbench_lab.drawing import (
     draw_arrow,
     draw_dots,
     draw_exploded,
@@ -27,16 +22,15 @@ from pdrbench.picture import (
     draw_region,
     draw_zone,
     exploded_figure,
-    exploded_view,
-    floor_height_m,
-    level_height_m,
     level_panels,
 )
-from pdrbench.picture.cloud import LEVEL_COLOURS
-from pdrbench.picture.exploded import CONNECTION_COLOUR
-from pdrbench.picture.marks import PAIR_COLOUR, REGION_COLOUR, REGION_OPACITY
-from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
+from pdrbench_lab.drawing.exploded import CONNECTION_COLOUR
+from pdrbench_lab.drawing.marks import PAIR_COLOUR, REGION_COLOUR, REGION_OPACITY
 from pdrbench_sim.buildings.office import make_office
+
+SHADED = REGION_OPACITY * np.array(to_rgb(REGION_COLOUR)) + (1 - REGION_OPACITY) * np.array(
+    to_rgb(FLOOR_COLOURS["floor"])
+)
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +43,6 @@ def ax() -> Axes:
     figure = Figure(figsize=(8, 8), dpi=100)
     FigureCanvasAgg(figure)
     return figure.add_axes((0, 0, 1, 1))
-
-
-SHADED = REGION_OPACITY * np.array(to_rgb(REGION_COLOUR)) + (1 - REGION_OPACITY) * np.array(
-    to_rgb(FLOOR_COLOURS["floor"])
-)
 
 
 def colour_at(ax: Axes, place: np.ndarray) -> np.ndarray:
@@ -78,37 +67,6 @@ def some_dots(building: Building, count: int, no_weight: float = 0.0) -> Dots:
     return found
 
 
-def test_a_plan_leaves_places_where_they_are(rng: np.random.Generator) -> None:
-    xy_m = rng.normal(size=(20, 2)) * 50
-    np.testing.assert_allclose(PLAN.project(xy_m, rng.normal(size=20)), xy_m, atol=1e-12)
-
-
-def test_heights_are_stretched_and_lengths_across_are_to_scale() -> None:
-    view = View(azimuth_rad=0.0, elevation_rad=math.radians(30), stretch=10.0)
-    origin, east, north, up = view.project(np.array([[0, 0], [3, 0], [0, 3], [0, 0]]), np.array([0, 0, 0, 3.0]))
-    np.testing.assert_allclose(origin, 0.0, atol=1e-12)
-    np.testing.assert_allclose(east, [3.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(north, [0.0, 1.5], atol=1e-12)
-    np.testing.assert_allclose(up, [0.0, 30 * math.cos(math.radians(30))], atol=1e-12)
-
-
-def test_no_level_hides_another(office: Building) -> None:
-    view = exploded_view(office)
-    drawn = {
-        level: shapely.union_all(
-            [
-                shapely.Polygon(view.project(p.outline_xy_m, p.height_m))
-                for p in office.polygons
-                if p.level == level and p.kind == "floor"
-            ]
-        )
-        for level in office.levels
-    }
-    for level in office.levels[1:]:
-        assert drawn[level].intersection(drawn[level - 1]).area == 0.0
-        assert drawn[level].distance(drawn[level - 1]) < 10.0  # and they are no farther apart than that takes
-
-
 def test_every_edge_is_drawn_at_the_height_of_its_polygon(ax: Axes, building: Building) -> None:
     view = draw_exploded(ax, building)
     is_wall = building.edge_neighbour == WALL
@@ -129,34 +87,6 @@ def test_floors_are_light_and_all_levels_are_seen(ax: Axes, building: Building) 
         np.testing.assert_allclose(found, to_rgb(FLOOR_COLOURS["floor"]), atol=0.01)
     np.testing.assert_allclose(colour_at(ax, view.project(np.array([2.5, 0.85]), 0.0)), 1.0, atol=0.01)  # the column
     assert {text.get_text() for text in ax.texts} == {"level 0", "level 1"}
-
-
-def test_heights_of_places_are_those_of_the_floor_below(building: Building) -> None:
-    hall_m = level_height_m(building, 1)
-    found = floor_height_m(building, [[6.0, 4.5], [18.0, 3.0], [12.1, 1.0], [-50.0, 0.0], [6.0, 4.5]], [0, 1, 0, 1, 9])
-    np.testing.assert_allclose(found, [0.0, hall_m, 0.17, hall_m, np.nan])
-
-
-def test_dots_take_height_and_level_from_their_polygon(building: Building) -> None:
-    debug = {"particles_xy_m": np.array([[6.0, 4.0], [18.0, 3.0], [np.nan, 0.0]])}
-    hall = len(building.polygons) - 1
-    given = dots_of(debug | {"particles_polygon": np.array([0, hall, 0])}, building)
-    guessed = dots_of(debug | {"particles_level": np.array([0, 1, 0])}, building)
-    assert given is not None and guessed is not None and dots_of({"num_particles": np.array(3)}, building) is None
-    for found in (given, guessed):
-        assert len(found) == 2  # the one without a polygon is left out
-        assert found.level.tolist() == [0, 1]
-        np.testing.assert_allclose(found.height_m, [0.0, level_height_m(building, 1)])
-        assert found.alive.all()
-    debug["particles_xy_m"][0] = -1.0
-    assert given.xy_m[0].tolist() == [6.0, 4.0]
-
-
-def test_thinning_keeps_an_even_choice(office: Building) -> None:
-    dots = some_dots(office, 10_000)
-    few = dots.thinned(100)
-    assert len(few) == 100 and len(dots.thinned(20_000)) == 10_000
-    assert few.xy_m[0].tolist() == dots.xy_m[0].tolist() and few.xy_m[-1].tolist() == dots.xy_m[-1].tolist()
 
 
 def test_dots_have_the_colour_of_their_level_or_black_without_weight(ax: Axes, building: Building) -> None:
@@ -200,18 +130,6 @@ def test_many_dots_become_an_image_of_their_density(ax: Axes, building: Building
     of_second = np.abs(shown[:, :3] - to_rgb(LEVEL_COLOURS[1])).max(axis=1) < 1e-6
     assert of_second.sum() == 1 and shown[of_second, 3] < 0.5
     np.testing.assert_allclose(colour_at(ax, dense), to_rgb(LEVEL_COLOURS[0]), atol=0.1)
-
-
-@pytest.mark.parametrize("count", [100_000, 1_000_000])
-def test_large_clouds_are_drawn_at_once(office: Building, count: int) -> None:
-    dots = some_dots(office, count, no_weight=0.3)
-    began_s = time.process_time()
-    figure, ax, view = exploded_figure(office)
-    draw_dots(ax, dots, view)
-    figure.canvas.draw()
-    spent_s = time.process_time() - began_s
-    print(f"{count} particles: {spent_s:.2f} s")
-    assert spent_s < 2.0
 
 
 @pytest.mark.parametrize("is_flat", [True, False])

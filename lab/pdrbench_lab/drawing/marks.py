@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from pdrbench.building import Building, Zone
 from pdrbench.geometry import FloatArray
-from pdrbench.picture.cloud import ON_TOP
 from pdrbench.picture.plan import fill_rings
 from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail
 from pdrbench.picture.view import PLAN, View, level_height_m
+from pdrbench_lab.drawing.cloud import ON_TOP
 
 if TYPE_CHECKING:
     from pdrbench.building.region import FloorRegion

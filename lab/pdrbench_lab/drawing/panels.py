@@ -9,9 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pdrbench.building import Building
-from pdrbench.picture.exploded import draw_exploded
 from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level
 from pdrbench.picture.view import View
+from pdrbench_lab.drawing.exploded import draw_exploded
 
 WIDTH_IN: Final = 8.0
 TITLE_IN: Final = 0.35
