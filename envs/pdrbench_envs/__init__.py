@@ -17,7 +17,6 @@ ENVIRONMENTS = {
     "OfficePhoneAbroad-v0": "pdrbench_envs.office_abroad:task",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
     "OfficeStride-v1": "pdrbench_envs.office_stride:task_v1",
-    "PhoneFiddle-v0": "renamed:PhoneHandling-v0",
     "WestportFoot-v0": "pdrbench_envs.westport:task_foot",
     "WestportFoot-v1": "pdrbench_envs.westport:task_foot_v1",
     "WestportPhone-v0": "pdrbench_envs.westport:task_phone",

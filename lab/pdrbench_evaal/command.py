@@ -251,9 +251,7 @@ def serve(
 
     rules = Rules(slowdown, slack_s, is_offline=offline)
     places, file = _place_format(positions, origin), "" if named == task.id else named
-    trials = make_trials(
-        task, split or "test", walks=walks, rules=rules, places=places, on_end=report, place=file
-    )
+    trials = make_trials(task, split or "test", walks=walks, rules=rules, places=places, on_end=report, place=file)
     task.load(next(iter(trials)))  # generating the first walk may take longer than a client waits for an answer
     with TrialServer(trials, host=host, port=port) as server:
         note(f"{len(trials)} trials of {task.id} at {server.url}")

@@ -119,7 +119,7 @@ def test_memory_is_bounded(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     ("name", "base", "environment"),
     [
-        ("koeping2012_smooth-v0", "koeping2012-v0", "BuildingSite-v0"),
+        ("koeping2012_smooth-v0", "koeping2012-v0", "BuildingSite-v1"),
         pytest.param("woodman2008_smooth-v0", "woodman2008-v0", "OfficeStride-v0", marks=pytest.mark.long(seconds=20)),
         pytest.param("li2012_smooth-v0", "li2012_generic-v0", "OfficePhone-v0", marks=pytest.mark.long(seconds=20)),
         pytest.param("learned_map_smooth-v1", "learned_map-v1", "OfficePhone-v0", marks=pytest.mark.long(seconds=20)),

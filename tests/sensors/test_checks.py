@@ -98,7 +98,7 @@ def test_recorded_walks_pass_without_a_word_and_in_no_other_unit(data_root: Path
             clean_rows(*arrays)
             passing = [fault for fault in UNITS if not refused(FAULTS[fault][0](*arrays))]
             assert not passing, f"{path}: {passing}"
-    for env in ("PhoneSteps-v0", "Ipin2023Phone-v0", "MallPhone-v0"):
+    for env in ("PhoneSteps-v1", "Ipin2023Phone-v0", "MallPhone-v0"):
         task = make_task(env)
         for ids in task.walks.values():
             for walk_id in ids:
@@ -112,7 +112,7 @@ def test_recorded_walks_pass_without_a_word_and_in_no_other_unit(data_root: Path
 
 
 @pytest.mark.long(seconds=60)
-@pytest.mark.parametrize("env", ["OfficeFoot-v0", "WestportFoot-v0", "OfficePhone-v0", "PhoneHandling-v0"])
+@pytest.mark.parametrize("env", ["OfficeFoot-v0", "WestportFoot-v0", "OfficePhone-v0", "PhoneHandling-v1"])
 def test_simulated_walks_pass_without_a_word(env: str) -> None:
     warnings.simplefilter("error", RecordingWarning)
     task = make_task(env)

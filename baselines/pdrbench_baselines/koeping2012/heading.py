@@ -24,7 +24,7 @@ MIN_ON_FLOOR: Final = 20  # of them on the floor, else the disc is widened
 
 @dataclass(frozen=True, slots=True)
 class KoepingHeadingParams:
-    """The settings; those of the motion were chosen on the train and val walks of `BuildingSiteDrift-v0`.
+    """The settings; those of the motion were chosen on the train and val walks of `BuildingSiteDrift-v1`.
 
     Attributes:
         num_particles: As many as the paper finds enough.

@@ -1,4 +1,4 @@
-"""`OfficePhoneLevels-v0`: a phone in the hand through synthetic offices, from level to level by stairs and by lift."""
+"""`OfficePhoneLevels-v1`: a phone in the hand through synthetic offices, from level to level by stairs and by lift."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdrbench_sim.people.route import NavigationMesh, Place
     from pdrbench_sim.record import BuildingScene
 
-ENV: Final = "OfficePhoneLevels-v0"
+ENV: Final = "OfficePhoneLevels-v1"
 SPLITS: Final = {
     "train": Split(walks=12, buildings=4, people=12),
     "val": Split(walks=4, buildings=2, people=4),

@@ -1,4 +1,4 @@
-"""PhoneHandling-v0: people stand still and call, type or play with a phone (Li et al. 2012, TC1)."""
+"""PhoneHandling-v1: people stand still and call, type or play with a phone (Li et al. 2012, TC1)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pdrbench_lab.papers.li2012.corridor_phone.environment import RATE_HZ, phone
 if TYPE_CHECKING:
     from pdrbench_sim.record import BuildingScene
 
-ENV: Final = "PhoneHandling-v0"
+ENV: Final = "PhoneHandling-v1"
 SPLITS: Final = {"train": Split(4), "val": Split(4), "test": Split(8)}  # people; L7 has eight
 DURATION_S: Final = 180.0  # ours
 _SEED: Final = 20120909

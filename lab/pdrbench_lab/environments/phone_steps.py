@@ -1,4 +1,4 @@
-"""`PhoneSteps-v0`: recorded walks with a phone carried in seven ways, and switches under the feet.
+"""`PhoneSteps-v1`: recorded walks with a phone carried in seven ways, and switches under the feet.
 
 No place was surveyed in them, but steps were counted. So the place is the count: every step is one metre of a
 straight line, and errors in metres are steps that were missed or made up.
@@ -22,7 +22,7 @@ from pdrbench.trajectory import Start
 from pdrbench_envs.recorded import opaque_id
 from pdrbench_sim.readers import phone_steps
 
-ENV: Final = "PhoneSteps-v0"
+ENV: Final = "PhoneSteps-v1"
 DATASET: Final = "phone_steps"
 PERIOD_S: Final = 0.5
 START_XY_M: Final = (100.0, 100.0)  # not the origin, where an answer of nothing would be right

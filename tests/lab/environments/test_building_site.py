@@ -1,4 +1,4 @@
-"""BuildingSite-v0 and BuildingSiteDrift-v0."""
+"""BuildingSite-v1 and BuildingSiteDrift-v1."""
 
 from __future__ import annotations
 

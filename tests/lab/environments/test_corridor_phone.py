@@ -37,7 +37,7 @@ def test_no_localizer_is_given_the_pedestrian(task):
 
 
 def test_unknown_walks_are_named(task):
-    with pytest.raises(UnknownNameError, match="no walk of CorridorPhone-v0"):
+    with pytest.raises(UnknownNameError, match="no walk of CorridorPhone-v1"):
         task.load("train-99")
 
 

@@ -10,7 +10,7 @@ from pdrbench.registry import make_task
 
 @pytest.fixture(scope="module")
 def walk() -> Recording:
-    task = make_task("OfficePhoneLevels-v0")
+    task = make_task("OfficePhoneLevels-v1")
     return task.load(task.split("train")[4])
 
 

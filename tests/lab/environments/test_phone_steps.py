@@ -1,4 +1,4 @@
-"""PhoneSteps-v0: counts as places."""
+"""PhoneSteps-v1: counts as places."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pdrbench.evaluation import evaluate, score
 from pdrbench.registry import make_task
 from pdrbench_lab.environments import phone_steps
 
-ENV = "PhoneSteps-v0"
+ENV = "PhoneSteps-v1"
 
 
 @pytest.fixture

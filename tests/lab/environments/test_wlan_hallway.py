@@ -7,7 +7,7 @@ from pdrbench_lab.papers.frank2009.wlan_hallway.environment import SPLITS
 
 
 def test_walks_differ_in_radio_and_walker_and_come_back_the_same() -> None:
-    task = make_task("WlanHallway-v0")
+    task = make_task("WlanHallway-v1")
     assert {split: len(task.walks[split]) for split in SPLITS} == {"train": 4, "val": 4, "test": 20}
     one, other = (task.load(walk) for walk in task.split("train")[:2])
     assert one.reference.t_s[-1] != other.reference.t_s[-1]
@@ -18,7 +18,7 @@ def test_walks_differ_in_radio_and_walker_and_come_back_the_same() -> None:
 
 
 def test_neither_map_nor_place_is_given() -> None:
-    task = make_task("WlanHallway-v0")
+    task = make_task("WlanHallway-v1")
     recording = task.load(task.split("train")[0])
     briefing = task.brief(recording)
     assert briefing.building is None and briefing.start is not None and briefing.start.heading_rad is None

@@ -1,6 +1,6 @@
 """Experiments behind the claims of Köping et al. 2012; `claims` holds the table.
 
-Floors and walks are those of the test split of `BuildingSite-v0` and `BuildingSiteDrift-v0`, one for each seed.
+Floors and walks are those of the test split of `BuildingSite-v1` and `BuildingSiteDrift-v1`, one for each seed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
 from pdrbench_lab.papers.koeping2012.linear import linear_walk
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
 
-ENVS: Final[Mapping[Reading, str]] = {"iid": "BuildingSite-v0", "drift": "BuildingSiteDrift-v0"}
+ENVS: Final[Mapping[Reading, str]] = {"iid": "BuildingSite-v1", "drift": "BuildingSiteDrift-v1"}
 COUNTS: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)  # particles of Fig. 2
 SPEED_COUNTS: Final = (1000, 3000, 10_000, 30_000, 100_000, 300_000, 1_000_000)  # of Fig. 3
 ENOUGH: Final = 2000  # K8

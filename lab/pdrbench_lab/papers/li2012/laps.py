@@ -2,7 +2,7 @@
 
 The paper labels where its people were at every step, and scores the place that is shown when a step is taken. So here a
 localizer is asked whenever a step becomes known, and what it answers is held against where the body was when that step
-ended: how late a step becomes known does not count. Scores of `CorridorPhone-v0` contain that delay.
+ended: how late a step becomes known does not count. Scores of `CorridorPhone-v1` contain that delay.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Crowd:
         return draw_laps(self._rng(_LAPS, number), count)
 
     def walk(self, number: int, person: int, place: str, count: int = 1) -> tuple[Recording, Briefing]:
-        """A walk with a phone at a place, and what is given of it, as in `CorridorPhone-v0`."""
+        """A walk with a phone at a place, and what is given of it, as in `CorridorPhone-v1`."""
         laps = self.laps(number, count)
         seed = [*self._entropy, _WALK, number]
         recording = record_laps(self.scene, seed, laps, self.person(person), SETUPS[place])

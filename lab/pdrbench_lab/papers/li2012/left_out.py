@@ -236,7 +236,7 @@ REPRODUCTION: Final = Reproduction(
             "pdrbench_lab.papers.li2012.left_out:left_out",
             seeds=1,
             quick_seeds=1,
-            envs=("PhoneSteps-v0",),
+            envs=("PhoneSteps-v1",),
         ),
     ),
     claims=_claims(),

@@ -1,6 +1,6 @@
 """Experiments behind the claims of Woodman & Harle 2008; `claims` holds the table.
 
-Buildings and walks are those of the test split of `LabStrideLost-v1` and `LabStrideWifi-v1`, one for each seed.
+Buildings and walks are those of the test split of `LabStrideLost-v2` and `LabStrideWifi-v2`, one for each seed.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from pdrbench_lab.papers.paper_walks import map_of, walk_of
 if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import PropagationParams
 
-LOST: Final = "LabStrideLost-v1"
-WLAN: Final = "LabStrideWifi-v1"
+LOST: Final = "LabStrideLost-v2"
+WLAN: Final = "LabStrideWifi-v2"
 RUNS: Final = 5  # W1: "we ran the filter a total of 5 times"
 BAT_SIGMA_M: Final = 0.0123  # W1: 3 cm at 95 %, per axis
 CORRECT_M: Final = 3.0  # ours: a cluster this near in plan, and
@@ -219,7 +219,7 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     """WLAN starts at many stances of one walk, doors open and closed at random (W13, W14)."""
     from pdrbench_lab.papers.woodman2008.lab_stride.environment import propagation
 
-    return starts_of(seed, propagation(1))
+    return starts_of(seed, propagation())
 
 
 def starts_of(seed: int, radio: PropagationParams, known_dbm: dict[bytes, FloatArray] | None = None) -> dict[str, Any]:

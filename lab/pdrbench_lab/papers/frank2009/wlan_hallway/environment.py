@@ -1,4 +1,4 @@
-"""WlanHallway-v0: a shoe and a laptop's WLAN on four laps of a hallway, no map (Frank et al. 2009, F1 to F3)."""
+"""WlanHallway-v1: a shoe and a laptop's WLAN on four laps of a hallway, no map (Frank et al. 2009, F1 to F3)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import RadioField
     from pdrbench_sim.record import BuildingScene
 
-ENV: Final = "WlanHallway-v0"
+ENV: Final = "WlanHallway-v1"
 SPLITS: Final = {"train": Split(4), "val": Split(4), "test": Split(20)}
 PERIOD_S: Final = 0.1  # ours
 RATE_HZ: Final = 120.0  # of an MTx

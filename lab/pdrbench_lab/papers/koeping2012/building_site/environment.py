@@ -1,4 +1,4 @@
-"""BuildingSite-v0 and BuildingSiteDrift-v0: the position that an inertial system reports, on one floor."""
+"""BuildingSite-v1 and BuildingSiteDrift-v1: the position that an inertial system reports, on one floor."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
     from pdrbench_sim.people.walk import BodyPath
 
-IID: Final = "BuildingSite-v0"
-DRIFT: Final = "BuildingSiteDrift-v0"
+IID: Final = "BuildingSite-v1"
+DRIFT: Final = "BuildingSiteDrift-v1"
 UPDATE_S: Final = 1.0  # K6
 DURATION_S: Final = 180.0
 _BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
@@ -44,10 +44,10 @@ minutes, and is drawn anew every second: the literal reading of the paper's simu
 speed have to take the noise out.
 """,
     "drift": """
-**What is hard**: the same variance as in `BuildingSite-v0`, 0.3 m per axis at first and 1.9 m after three minutes, but
+**What is hard**: the same variance as in `BuildingSite-v1`, 0.3 m per axis at first and 1.9 m after three minutes, but
 the error is an offset that walks at random, as that of inertial systems does (K5). The shape of the path is nearly
 right and its place is not: no mean over time takes that out, walls and doors do. The walks are those of
-`BuildingSite-v0`.
+`BuildingSite-v1`.
 """,
 }
 

@@ -1,4 +1,4 @@
-"""CorridorPhone-v0: a lap of 92 m round an office corridor, a phone in the hand or in a pocket (Li et al. 2012)."""
+"""CorridorPhone-v1: a lap of 92 m round an office corridor, a phone in the hand or in a pocket (Li et al. 2012)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pdrbench_lab.papers.li2012.corridor_phone.corridor import Laps
     from pdrbench_sim.record import BuildingScene
 
-ENV: Final = "CorridorPhone-v0"
+ENV: Final = "CorridorPhone-v1"
 PLACES: Final = ("hand", "pocket")  # each lap is walked with two phones
 SPLITS: Final = {"train": Split(2 * 16, people=8), "val": Split(2 * 4, people=4), "test": Split(2 * 20, people=13)}
 PERIOD_S: Final = 0.2  # ours, as the recorded walks with a phone have it

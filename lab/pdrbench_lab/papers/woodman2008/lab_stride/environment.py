@@ -1,4 +1,4 @@
-"""LabStrideLost and LabStrideWifi, versions 0 and 1: strides through the replica of a laboratory, unknown start."""
+"""`LabStrideLost-v2` and `LabStrideWifi-v2`: strides through the replica of a laboratory, unknown start."""
 
 from __future__ import annotations
 
@@ -13,40 +13,33 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import Task
-from pdrbench_envs.generated import Split, start_pose, with_held_out
-from pdrbench_envs.office_stride import (
-    FORMER,
-    LATEST,
-    PERIOD_S,
-    StrideVersion,
-    about,
-    record_strides,
-    stride_recording,
-)
+from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
+from pdrbench_envs.office_stride import PERIOD_S, fitted, record_strides, stride_recording
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
     from pdrbench_sim.people.strides import Stances
     from pdrbench_sim.radio.wlan import PropagationParams, RadioField
 
-LOST: Final = "LabStrideLost"
-WLAN: Final = "LabStrideWifi"
+LOST: Final = "LabStrideLost-v2"
+WLAN: Final = "LabStrideWifi-v2"
 DURATION_S: Final = (950.0, 990.0)  # W1: 16 minutes
 AFTER_PASSES_S: Final = 12.0  # a walk goes on for at least that long after its last pass of the wing
 _SEED: Final = 8725  # m2
 OPEN_FRACTION: Final = 0.5  # of the doors, when the scan is taken; ours
 _BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
-# Of version 1, fitted together to W14's "four strong access points" and 136 000 particles on the train walks.
+# Fitted together to W14's "four strong access points" and 136 000 particles on the train walks.
 W14_AREA_M2, W14_DETECTION_DBM = 190.0, -79.0
 SPLITS: Final = {"train": Split(10), "val": Split(5), "test": Split(20)}
-WALKS: Final = {version.number: version.walks(LOST, _SEED, SPLITS) for version in (FORMER, LATEST)}
+WALKS: Final = GeneratedWalks(LOST, _SEED, SPLITS)
 
 _DESCRIPTION: Final = """\
 A person walks through a laboratory building of 8725 m2 on three levels for 16 minutes without a stop: from far away six
 times through one wing on level 2 and into its rooms, and between two passes to other wings and levels, as in the
 evaluation of Woodman & Harle (2008). A foot-mounted unit reports every stride of one foot: length, change of height,
-change of heading (W3), with errors that were measured on recordings of the foot:
-{errors}.
+change of heading (W3), with errors that were measured on recordings of the foot: lengths about 2 cm short, by another
+amount in every walk, a heading that drifts by a constant turn per stride of a law with heavy tails, and a third of
+strides that err three times as much as the others.
 
 Given before the walk: the building and the height of the person; not where the walk begins, nor its heading. Every
 stance is scored; the zone of kind "tracked" is the wing in which the paper scored its own. Every walk has a building
@@ -59,25 +52,25 @@ _ABOUT_WLAN: Final = """
 One WLAN scan, taken at the start with half of the doors open, lists the access points received and their RSSI. The
 radio map of the offline survey is given: 24 queries in each cell of at most 8 m, facing all ways, doors open
 and closed (W13).
-The walks are those of `{walks}`.
+The walks are those of `LabStrideLost-v2`.
 """
 
 
-def task(version: StrideVersion = FORMER) -> Task:
+def task() -> Task:
     """The environment without WLAN; no walk is generated before it is loaded."""
     return with_held_out(
         Task(
-            id=version.id(LOST),
+            id=LOST,
             summary=(
                 "Strides of one foot with measured errors, 16 minutes through 8725 m² on three levels; start unknown."
             ),
-            description=about(version, LOST, _DESCRIPTION),
+            description=_DESCRIPTION,
             sensors=(STRIDE,),
             capacity={"stride": 2},
             period_s=PERIOD_S,
             start="unknown",
-            walks=WALKS[version.number].ids(),
-            load=functools.partial(load, version),
+            walks=WALKS.ids(),
+            load=load,
             tell_start=start_pose,
             licence="MIT",
             source="generated",
@@ -85,43 +78,37 @@ def task(version: StrideVersion = FORMER) -> Task:
     )
 
 
-def task_wifi(version: StrideVersion = FORMER) -> Task:
+def task_wifi() -> Task:
     """The same walks with one WLAN scan at the start and the radio map of the building."""
-    walks = version.id(LOST)
     return with_held_out(
         replace(
-            task(version),
-            id=version.id(WLAN),
-            summary=f"The walks of {walks} with one WLAN scan at the start and the radio map of the building.",
-            description=about(version, WLAN, _DESCRIPTION + _ABOUT_WLAN.replace("{walks}", walks)),
+            task(),
+            id=WLAN,
+            summary=f"The walks of {LOST} with one WLAN scan at the start and the radio map of the building.",
+            description=_DESCRIPTION + _ABOUT_WLAN,
             sensors=(STRIDE, WIFI),
             capacity={"stride": 2, "wifi": 128},
-            load=functools.partial(load_wifi, version),
-            radio_map=functools.partial(radio_map, version),
+            load=load_wifi,
+            radio_map=radio_map,
         ),
-        walks,
+        LOST,
     )
 
 
-task_v1, task_wifi_v1 = functools.partial(task, LATEST), functools.partial(task_wifi, LATEST)
-
-
-def load(version: StrideVersion, walk: str) -> Recording:
+def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
-    walks = WALKS[version.number]
-    split, index = walks.place_of(walk)
+    split, index = WALKS.place_of(walk)
     building, person, rests = _walk(split, index)
-    rows, reference = record_strides(building, rests, walks.rng(split, _ERRORS, index), version.errors())
+    rows, reference = record_strides(building, rests, WALKS.rng(split, _ERRORS, index), fitted())
     return stride_recording(walk, building, person, rows, reference)
 
 
-def load_wifi(version: StrideVersion, walk: str) -> Recording:
+def load_wifi(walk: str) -> Recording:
     """The same walk with the scan that the person takes before the first stride, standing."""
-    recording = load(version, walk)
-    walks = WALKS[version.number]
-    place = walks.place_of(walk)
+    recording = load(walk)
+    place = WALKS.place_of(walk)
     _, _, rests = _walk(*place)
-    rng, field = walks.rng(place[0], _SCAN, place[1]), _radio_field(version.number, *place)
+    rng, field = WALKS.rng(place[0], _SCAN, place[1]), _radio_field(*place)
     doors_open = rng.random((1, field.num_doors)) < OPEN_FRACTION
     heading_rad = recording.reference.heading_rad
     assert heading_rad is not None
@@ -132,20 +119,17 @@ def load_wifi(version: StrideVersion, walk: str) -> Recording:
     )
 
 
-def radio_map(version: StrideVersion, recording: Recording) -> RadioMap:
+def radio_map(recording: Recording) -> RadioMap:
     """The offline survey of the building of a walk."""
-    return _survey(version.number, *WALKS[version.number].place_of(recording.id))
-
-
-_DRAWN: Final = WALKS[FORMER.number]  # whose buildings, people and walks all versions share
+    return _survey(*WALKS.place_of(recording.id))
 
 
 @functools.lru_cache(maxsize=8)
 def _building(split: str, index: int) -> Building:
     from pdrbench_lab.papers.woodman2008.lab_stride.lab import make_lab
 
-    name = f"lab {_DRAWN.number(split)}.{index}"
-    return make_lab(_DRAWN.rng(split, _BUILDING, index), name=name)
+    name = f"lab {WALKS.number(split)}.{index}"
+    return make_lab(WALKS.rng(split, _BUILDING, index), name=name)
 
 
 @functools.lru_cache(maxsize=8)
@@ -158,8 +142,8 @@ def _walk(split: str, index: int) -> tuple[Building, Person, Stances]:
     from pdrbench_sim.people.strides import stances
     from pdrbench_sim.people.walker import walk_through
 
-    building, rng = _building(split, index), _DRAWN.rng(split, _WALK, index)
-    person = draw_person(_DRAWN.rng(split, _PERSON, index), PEOPLE)
+    building, rng = _building(split, index), WALKS.rng(split, _WALK, index)
+    person = draw_person(WALKS.rng(split, _PERSON, index), PEOPLE)
     mesh = navigation_mesh(building)
     until_s = float(rng.uniform(*DURATION_S))
     walk = walk_through(rng, mesh, person, draw_rounds(rng, mesh, person, until_s), STEADY)
@@ -170,25 +154,23 @@ def _walk(split: str, index: int) -> tuple[Building, Person, Stances]:
 
 
 @functools.lru_cache(maxsize=8)
-def _radio_field(version: int, split: str, index: int) -> RadioField:
+def _radio_field(split: str, index: int) -> RadioField:
     from pdrbench_sim.radio.wlan import make_radio_field
 
-    return make_radio_field(_DRAWN.rng(split, _FIELD, index), _building(split, index), params=propagation(version))
+    return make_radio_field(WALKS.rng(split, _FIELD, index), _building(split, index), params=propagation())
 
 
-def propagation(version: int) -> PropagationParams:
-    """How radio spreads in the laboratory; see docs/decisions.md, W14."""
+def propagation() -> PropagationParams:
+    """How radio spreads in the laboratory; see W14 in the notebook."""
     from pdrbench_sim.radio.wlan import PropagationParams
 
-    if version == FORMER.number:
-        return PropagationParams()
     return PropagationParams(area_per_access_point_m2=W14_AREA_M2, detection_dbm=W14_DETECTION_DBM)
 
 
 @functools.lru_cache(maxsize=8)
-def _survey(version: int, split: str, index: int) -> RadioMap:
+def _survey(split: str, index: int) -> RadioMap:
     from pdrbench.radio import divide
     from pdrbench_sim.radio.wlan import survey
 
-    field = _radio_field(version, split, index)
-    return survey(_DRAWN.rng(split, _SURVEY, index), field, divide(_building(split, index)))
+    field = _radio_field(split, index)
+    return survey(WALKS.rng(split, _SURVEY, index), field, divide(_building(split, index)))
