@@ -1,4 +1,4 @@
-"""What systems do differently with files: locks between processes, and waiting for the disk.
+"""Files: digests of their bytes, and what systems do differently: locks between processes, waiting for the disk.
 
 A lock ends with its process, however that ends, and children do not hold it. POSIX has record locks, which belong to
 the process whichever way it opened the file; Windows has region locks, which another opening in it is refused.
@@ -6,8 +6,11 @@ the process whichever way it opened the file; Windows has region locks, which an
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import os
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -74,3 +77,41 @@ def sync(place: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def bytes_sha256(places: Iterable[Path], root: Path | None = None) -> str:
+    """Hex sha256 of the names and bytes of files, and of all files below folders.
+
+    Hidden ones and compiled Python do not count. A file is read again where its size or its time of change is another.
+
+    Args:
+        places: Files and folders.
+        root: What names are relative to; None: the folder that each place is in.
+
+    Raises:
+        OSError: One cannot be read.
+    """
+    lines = []
+    for place in places:
+        for path in [place] if place.is_file() else sorted(_files_below(place)):
+            found = path.stat()
+            digest = _file_sha256(path, found.st_size, found.st_mtime_ns)
+            lines.append(f"{path.relative_to(root or place.parent).as_posix()} {digest}")
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.startswith(".") or entry.name == "__pycache__":
+                continue
+            if entry.is_dir():
+                yield from _files_below(Path(entry.path))
+            else:
+                yield Path(entry.path)
+
+
+@functools.lru_cache(maxsize=10_000)
+def _file_sha256(path: Path, size: int, mtime_ns: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

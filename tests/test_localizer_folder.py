@@ -17,8 +17,7 @@ import pytest
 
 from pdrbench.errors import PdrbenchError, PluginError
 from pdrbench.evaluation import evaluate
-from pdrbench.evaluation.code import files_sha256
-from pdrbench.evaluation.sources import localizer_target, target_sha256
+from pdrbench.evaluation.origin import localizer_target, target_sha256
 from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.isolation.shared_modules import shared_distributions, shared_modules
 from pdrbench.localizer_folder import FolderTarget, find_target, list_files, parse_settings, parse_target, read_settings
@@ -275,17 +274,6 @@ def test_what_a_folder_raises_names_it(folder: Path, tmp_path: Path) -> None:
     results = evaluate([*map(str, folders)], ENV, split="val", seeds=1, walks=1).results
     for result, place, why in zip(results, folders, wrong.values(), strict=True):
         assert result.status == "failed" and f"{place}" in result.failure and why in result.failure
-
-
-@pytest.mark.parametrize(
-    "content", [b"x = " + b"not " * 5000 + b"1", b"a;" * 600_000, b"x = " + b"-" * 90_000 + b"1", b"(" * 5000, b"\0"]
-)
-def test_sources_that_cannot_be_parsed_are_hashed_as_they_are(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "odd.py").write_bytes(content)
-    digests = {files_sha256(tmp_path, [tmp_path / "odd.py"])}
-    (tmp_path / "odd.py").write_bytes(content + b" ")
-    digests.add(files_sha256(tmp_path, [tmp_path / "odd.py"]))
-    assert len(digests) == 2
 
 
 def test_a_folder_that_cannot_be_run_is_an_error_before_any_walk(folder: Path) -> None:

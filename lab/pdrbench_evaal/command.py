@@ -189,7 +189,7 @@ def _briefing(
 @contextlib.contextmanager
 def _running(localizer: str, isolation: Any, period_s: float) -> Iterator[Player]:
     """The localizer, in a process of its own where that is wanted."""
-    from pdrbench.evaluation.sources import localizer_target
+    from pdrbench.evaluation.origin import localizer_target
     from pdrbench.isolation.budget import Budget
     from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
     from pdrbench.registry import make_localizer

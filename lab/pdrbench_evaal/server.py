@@ -19,7 +19,7 @@ import numpy as np
 from pdrbench import __version__
 from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation import store
-from pdrbench.evaluation.sources import versions
+from pdrbench.evaluation.origin import versions
 from pdrbench.evaluation.walk_job import HIDDEN_SPLITS
 from pdrbench.geometry import FloatArray
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, Result

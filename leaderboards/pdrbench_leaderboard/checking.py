@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sha256
+from pdrbench.evaluation.origin import localizer_target, package_sha256, target_sha256
 from pdrbench.evaluation.tables import Results
 from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers, make_task
 from pdrbench.result import OFFLINE
@@ -135,7 +135,7 @@ def code_remark(manifest: Manifest) -> str:
 def _code_sha256(spec: str) -> str:
     """Digest of the code of a localizer or of the core; empty where it is not installed."""
     try:
-        return core_sha256() if spec == CORE else target_sha256(localizer_target(spec))
+        return package_sha256("pdrbench") if spec == CORE else target_sha256(localizer_target(spec))
     except PdrbenchError:
         return ""
 

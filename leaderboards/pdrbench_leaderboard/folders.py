@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 
 from pdrbench.cli.output import note
 from pdrbench.errors import BundleError
-from pdrbench.evaluation.sources import localizer_target
+from pdrbench.evaluation.origin import localizer_target
 from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.isolation.shared_modules import shared_distributions, shared_modules
 from pdrbench.localizer_folder import FolderTarget, find_target, parse_target

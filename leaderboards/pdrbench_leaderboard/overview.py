@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.errors import PdrbenchError
-from pdrbench.evaluation.code import closure_files
-from pdrbench.evaluation.sources import localizer_target
+from pdrbench.evaluation.origin import localizer_target
 from pdrbench.metrics import METRICS
 from pdrbench.registry import localizers
 from pdrbench_leaderboard import downloads
@@ -110,16 +110,18 @@ def localizer_facts(name: str, of: Sequence[Place], entry_slugs: Mapping[str, Ma
 
 
 def source_archive(spec: str) -> bytes | None:
-    """The code of a localizer of this distribution: its module and what that imports; None for others."""
+    """The code of a localizer of this distribution: its module, or the folder that it lies in; None for others."""
     if spec not in localizers() or localizers()[spec].package != DISTRIBUTION:
         return None
-    try:
-        files = closure_files(localizer_target(spec).partition(":")[0])
-    except PdrbenchError:
+    module = localizer_target(spec).partition(":")[0]
+    found = importlib.util.find_spec(module)
+    if found is None or found.origin is None:
         return None
+    top, file = Path(found.origin).parents[module.count(".")], Path(found.origin)
+    files = [file] if file.parent.parent == top else sorted(file.parent.rglob("*.py"))
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-        for module, path in sorted(files.items()):
-            name = module.replace(".", "/") + ("/__init__.py" if path.name == "__init__.py" else ".py")
+        for path in files:
+            name = path.relative_to(top).as_posix()
             archive.writestr(zipfile.ZipInfo(name, ZIP_DATE), path.read_bytes(), zipfile.ZIP_DEFLATED)
     return content.getvalue()

@@ -17,6 +17,7 @@ import msgspec
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
+from pdrbench.evaluation.origin import package_sha256
 from pdrbench.evaluation.protocol import PROBED_WALKS, TRIED_WALKS
 from pdrbench.evaluation.randomness import check_nonce, new_nonce
 from pdrbench.evaluation.store import write_whole
@@ -216,7 +217,7 @@ def make_bundle(
         nonce=suite_run.nonce,
         parameters=_mapping(first, "parameters"),
         versions=_mapping(first, "versions"),
-        core_sha256=str(first.provenance["core_sha256"]),
+        core_sha256=package_sha256("pdrbench"),
         localizer_sha256=str(first.provenance["localizer_sha256"]),
         card_sha256=hashlib.sha256(text).hexdigest(),
         source={name: hashlib.sha256(content).hexdigest() for name, content in source.items()},

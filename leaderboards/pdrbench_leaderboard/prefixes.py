@@ -16,7 +16,7 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.isolated_run import play_isolated
-from pdrbench.evaluation.sources import localizer_target, target_sha256
+from pdrbench.evaluation.origin import localizer_target, target_sha256
 from pdrbench.evaluation.walk_job import WalkJob, plan_walks
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation

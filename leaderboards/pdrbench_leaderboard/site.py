@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pdrbench import __version__
 from pdrbench.errors import ResultError
-from pdrbench.evaluation.code import closure_sha256
 from pdrbench.evaluation.number_text import page_decimals
+from pdrbench.evaluation.origin import package_sha256
 from pdrbench.evaluation.scoring import answers_sha256, code_sha256
 from pdrbench.evaluation.wording import machine_text
 from pdrbench.metrics import METRICS, POOLED
@@ -107,7 +107,7 @@ class _Writer:
         self.folder = folder
         self.written: list[Path] = []
         self._made: dict[str, list[str]] = {}
-        self._code = closure_sha256(__name__)
+        self._code = package_sha256("pdrbench_leaderboard")
         self._before: Mapping[str, Any] = {}
         with contextlib.suppress(OSError, ValueError):
             self._before = dict(json.loads((folder / MADE).read_bytes()))

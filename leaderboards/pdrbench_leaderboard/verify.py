@@ -20,8 +20,8 @@ import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation import Results, evaluate
+from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.evaluation.protocol import TRIED_WALKS
-from pdrbench.evaluation.sources import core_sha256, machine, versions
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
@@ -246,7 +246,7 @@ def _record(entry: Entry, runs: Mapping[str, Results], held_out: HeldOut | None,
         reran=len(published),
         of=len(entry.record.walks),
         is_deterministic=not is_spot_check and walks == entry.record.walks,
-        core_sha256=core_sha256(),
+        core_sha256=package_sha256("pdrbench"),
         localizer_sha256=str(published[0].provenance.get("localizer_sha256", NO_DIGEST)),
         versions=versions(),
         machine=machine(),

@@ -7,7 +7,7 @@ import importlib.util
 import io
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,7 +29,7 @@ COMMANDS = {
 OF_THE_LAB = ("reproduce", "bench", "warm-up", "validate-sim", "error-model", "tune")  # which it registers itself
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
 
-ANY_ARGUMENTS: Mapping[str, Any] = {
+ANY_ARGUMENTS: dict[str, Any] = {
     "allow_extra_args": True,
     "ignore_unknown_options": True,
     "help_option_names": [],

@@ -25,7 +25,7 @@ def check_isolated(name: str, env: str | None = None) -> list[Check]:
         name: As `registry.load_localizer` takes it.
         env: Environment to check it on; the first that suits it where None.
     """
-    from pdrbench.evaluation.sources import localizer_target
+    from pdrbench.evaluation.origin import localizer_target
     from pdrbench.gym import check_localizer
 
     announce()

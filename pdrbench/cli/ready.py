@@ -60,7 +60,7 @@ def check_localizer_exists(name: str, isolation: str) -> type | None:
         SettingsError: It does not have the settings in its name.
         PluginError: It does not load, or there is no such file or module.
     """
-    from pdrbench.evaluation.sources import localizer_target, target_sha256
+    from pdrbench.evaluation.origin import localizer_target, target_sha256
     from pdrbench.localizer_folder import find_target
     from pdrbench.registry import canonical_localizer, load_localizer, localizers
     from pdrbench.settings import split_name

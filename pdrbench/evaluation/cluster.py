@@ -11,7 +11,7 @@ from typing import Any, Final
 import joblib
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.evaluation.sources import core_sha256
+from pdrbench.evaluation.origin import package_sha256
 
 CONNECT_S: Final = 10.0  # ours: a scheduler that lives answers in milliseconds
 
@@ -67,12 +67,12 @@ def _connect(scheduler: str) -> Any:
 def _check_workers(client: Any, scheduler: str) -> None:
     """Asks every worker for its sources; those of an older or other pdrbench would compute other results."""
     try:
-        digests: dict[str, str] = client.run(core_sha256)
+        digests: dict[str, str] = client.run(package_sha256, "pdrbench")
     except (ImportError, AttributeError) as error:
         raise ClusterError(f"a worker of {scheduler} has no pdrbench like this one: {_one_line(error)}") from error
     if not digests:
         raise ClusterError(f"{scheduler} has no workers; start some with `dask worker {scheduler}`")
-    other = [worker for worker, digest in digests.items() if digest != core_sha256()]
+    other = [worker for worker, digest in digests.items() if digest != package_sha256("pdrbench")]
     if other:
         named = ", ".join(itertools.islice(other, 3))
         raise ClusterError(

@@ -38,7 +38,7 @@ class Job(abc.ABC):
     group: Hashable  # neighbours of one group share what they load, and go to one process
     family: str  # jobs of a family that killed a process twice run in processes of their own
     max_deaths: int  # processes that may die over it before it is given up
-    sources: Mapping[str, str]  # digest by what it is taken of; what runs must agree with it
+    sources: Mapping[str, str]  # versions and digests by what they are of; what runs must agree with them
     is_alone: bool = False  # true where no other job of the run may go on beside it
     in_order: ClassVar[bool] = False  # true where they begin as planned, since neighbours share what they load
 
@@ -48,11 +48,8 @@ class Job(abc.ABC):
         return self.family
 
     @abc.abstractmethod
-    def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
-        """Digests of what this process has loaded; `memory` keeps them by name from the first look on.
-
-        A cluster's worker lives long and is not replaced.
-        """
+    def present_sources(self) -> Mapping[str, str]:
+        """What `sources` is at present, for this process and on this machine."""
 
     @abc.abstractmethod
     def decode(self, content: bytes, path: Path) -> Any:
@@ -131,12 +128,11 @@ def finish(job: Job, context: JobContext, finished: Finished) -> Outcome:
 
 
 def is_current(job: Job, context: JobContext) -> bool:
-    """True where the code that this process has in memory is the code that the job asks for."""
-    memory = _memory()
-    if memory.setdefault("world", "\n".join(context.world)) != "\n".join(context.world):
+    """True where what this process would run is what the job asks for."""
+    if _memory().setdefault("world", context.world) != context.world:
         return False
     try:
-        return job.loaded_sources(memory, is_replaced=bool(context.owner)) == job.sources
+        return job.present_sources() == job.sources
     except (KeyError, PluginError, UnknownNameError):
         return False
 
@@ -170,8 +166,8 @@ def _freeze_loaded() -> None:
 
 
 @functools.cache
-def _memory() -> dict[str, str]:
-    """What this process has loaded or inherited, by name, with its digest at that time."""
+def _memory() -> dict[str, tuple[str, ...]]:
+    """The world of the first job that this process was given."""
     return {}
 
 

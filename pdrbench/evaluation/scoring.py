@@ -8,7 +8,6 @@ import hashlib
 import itertools
 import math
 import time
-import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +18,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import REFUSALS, ResultError
-from pdrbench.evaluation.code import package_sha256
-from pdrbench.evaluation.sources import core_sha256, environment_sha256, versions
+from pdrbench.evaluation.origin import environment_version, package_sha256, versions
 from pdrbench.evaluation.store import write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS, errors_m, hold_at
@@ -182,14 +180,9 @@ class KeptScores:
 
 
 def code_sha256(env: str) -> str:
-    """Digest of the code that makes the walks of an environment, scores and draws, and of versions of libraries."""
-    packages = {metric.target.partition(".")[0] for metric in METRICS.values()} - {"pdrbench"}
-    scoring = core_sha256(frozenset({"bench", "cli", "gym"}), frozenset())
-    try:
-        walks = environment_sha256(env)
-    except KeyError:
-        walks = uuid.uuid4().hex  # made by code that is not registered: nothing that is kept is of the same
-    parts = [walks, scoring, *(package_sha256(name) for name in sorted(packages)), versions()]
+    """Digest of what scores and draws the walks of an environment, and of versions of libraries."""
+    packages = {"pdrbench", *(metric.target.partition(".")[0] for metric in METRICS.values())}
+    parts = [environment_version(env), *(package_sha256(name) for name in sorted(packages)), versions()]
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 

@@ -17,8 +17,8 @@ from pdrbench.datasets.folders import cache_folder
 from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, ResultError, UnsuitableError
 from pdrbench.evaluation.inprocess_run import make_informed
+from pdrbench.evaluation.origin import environment_version, localizer_target, package_sha256, target_sha256
 from pdrbench.evaluation.protocol import TRIED_WALKS
-from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256
 from pdrbench.evaluation.store import write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
@@ -51,7 +51,7 @@ def declining(names: Iterable[str], env: str, split: str) -> dict[str, str]:
     # What another environment of Python has installed decides too, such as an optional dependency
     installed = sorted(path.name for place in sys.path for path in Path(place or ".").glob("*.dist-info"))
     identities = [[walk, task.walk_identity(walk)] for walk in walks]
-    common = [environment_sha256(env), core_sha256(), installed, split, task.id, identities]
+    common = [environment_version(env), package_sha256("pdrbench"), installed, split, task.id, identities]
     keys = {spec: _key(spec, localizer_target(spec), target_sha256(localizer_target(spec)), common) for spec in specs}
     reasons = _remembered()
     if todo := [spec for spec in specs if keys[spec] not in reasons]:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pdrbench.episode import Episode, play, read_estimate
 from pdrbench.errors import EstimateError, PdrbenchError, ResultError
 from pdrbench.evaluation.inprocess_run import make_informed
+from pdrbench.evaluation.origin import environment_version, localizer_target, target_sha256, versions
 from pdrbench.evaluation.randomness import generator
 from pdrbench.evaluation.scoring import check_walk
-from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
 from pdrbench.localizer import Estimate, Localizer
 from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE, UNSUITABLE, Result
@@ -206,8 +206,7 @@ def _changed(result: Result) -> list[str]:
         localizer = str(error)
     now = {
         "localizer_sha256": ("localizer", localizer),
-        "environment_sha256": ("environment", environment_sha256(result.task)),
-        "core_sha256": ("pdrbench", core_sha256()),
+        "environment": ("environment", environment_version(result.task)),
         "versions": ("versions", versions()),
     }
     return [what for name, (what, value) in now.items() if result.provenance.get(name, value) != value]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -15,16 +14,15 @@ from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
-from pdrbench.evaluation.protocol import protocol_of
-from pdrbench.evaluation.randomness import secret_nonce
-from pdrbench.evaluation.sources import (
-    core_sha256,
-    environment_sha256,
+from pdrbench.evaluation.origin import (
+    environment_version,
     localizer_target,
     machine,
     target_sha256,
     versions,
 )
+from pdrbench.evaluation.protocol import protocol_of
+from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.isolation.read_permissions import permissions_of
@@ -61,19 +59,10 @@ class WalkJob(Job):
         """What progress calls it."""
         return f"{self.localizer} on {self.env}"
 
-    def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
-        """Digests of what this process has loaded; what a process that is not replaced cannot have loaded is new."""
-        if not is_replaced:
-            memory.pop(self.target, None)  # only the processes of localizers load it
-        if self.task != self.env:
-            memory.pop(f"env {self.env}", None)  # a file is read again where it has changed
-        looks = (
-            ("core_sha256", "core", core_sha256),
-            ("environment_sha256", f"env {self.env}", functools.partial(environment_sha256, self.task)),
-            ("localizer_sha256", self.target, functools.partial(target_sha256, self.target)),
-        )
-        loaded = {name: memory.get(place) or memory.setdefault(place, look()) for name, place, look in looks}
-        return loaded | make_task(self.task, self.secret).walk_identity(self.walk)
+    def present_sources(self) -> Mapping[str, str]:
+        """What `sources` is at present, on this machine."""
+        task = make_task(self.task, self.secret)
+        return sources_of(task, self.walk, environment_version(self.task), target_sha256(self.target))
 
     def decode(self, content: bytes, path: Path) -> Result:
         """The result in a file."""
@@ -98,7 +87,6 @@ def plan_walks(
     secret: str | None = None,
 ) -> list[WalkJob]:
     """Every job of a sweep, those on one walk side by side; `specs` are the localizers of each environment."""
-    core = core_sha256()
     nonce = nonce if secret is None else secret_nonce(secret)
     targets = {spec: localizer_target(spec) for of_env in specs.values() for spec in of_env}
     if isolation != NONE:
@@ -114,11 +102,10 @@ def plan_walks(
             raise PdrbenchError(
                 f"two environments call themselves {env}: {places[env] or 'the registered one'} and {place}"
             )
-        code = {"environment_sha256": environment_sha256(place or env), "core_sha256": core}
+        version = environment_version(place or env)
         played = split or SCORED_SPLIT
         protocol = protocol_of(env, played)
         for walk in _chosen(task, played, protocol.walks if walks is None else walks):
-            sources = task.walk_identity(walk) | code
             for spec in of_env:
                 for seed in range(protocol.seeds) if seeds is None else seeds:
                     ingredients: dict[str, Any] = {
@@ -128,12 +115,12 @@ def plan_walks(
                         "localizer": spec,
                         "seed": seed,
                         "parameters": dict(parameters),
-                        "sources": sources | {"localizer_sha256": digests[spec]},
+                        "sources": sources_of(task, walk, version, digests[spec]),
                         "isolation": isolation,
                     }
                     if nonce:  # results without one keep the keys that they are stored under
                         ingredients["nonce"] = nonce
-                    context = {"version": versions()["pdrbench"], "budget": asdict(budget)}
+                    context = {"versions": versions(), "budget": asdict(budget)}
                     key = store.result_key(ingredients | context)
                     name = store.result_name(env, spec, walk, seed, key)
                     jobs.append(
@@ -151,6 +138,11 @@ def plan_walks(
                         )
                     )
     return jobs
+
+
+def sources_of(task: Task, walk: str, version: str, localizer_sha256: str) -> dict[str, str]:
+    """What has to agree, besides ids and versions, for a stored result to be used again."""
+    return {**task.walk_identity(walk), "environment": version, "localizer_sha256": localizer_sha256}
 
 
 def _chosen(task: Task, split: str, walks: int | Sequence[str] | None) -> Sequence[str]:

@@ -257,7 +257,7 @@ def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch:
     assert run(walks=5, budget=Budget(pace=3.0)) == 20, "another budget is another result"
 
 
-def test_of_an_environment_without_pins_only_the_walks_played_are_loaded(
+def test_only_the_walks_played_are_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It has 203 walks, whose digests nothing has pinned."""
@@ -389,8 +389,8 @@ def test_provenance_names_the_inputs_of_a_result(localizer: Spec) -> None:
     (result,) = evaluate(localizer("Good"), ENV, walks=1, parameters={"noise_m": 0.5}, seeds=1).results
     about = result.provenance
     assert about["parameters"] == {"noise_m": 0.5}
-    for digest in ("environment_sha256", "localizer_sha256", "core_sha256", "key"):
-        assert len(str(about[digest])) == 64
+    assert all(len(str(about[digest])) == 64 for digest in ("localizer_sha256", "key"))
+    assert about["environment"] == "corridor-plugin 0.1"
     assert set(about["versions"]) == {"pdrbench", "numpy", "python"}  # type: ignore[call-overload]
     assert set(about["machine"]) == {"cpu", "cores", "system", "architecture"}  # type: ignore[call-overload]
 

@@ -16,8 +16,8 @@ import numpy as np
 from pdrbench.datasets import cache_folder, datasets, find
 from pdrbench.datasets.catalogue import DataFile
 from pdrbench.errors import ResultError
-from pdrbench.evaluation.code import closure_sha256, files_sha256
 from pdrbench.evaluation.store import write_whole
+from pdrbench.files import bytes_sha256
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.log import Log
 from pdrbench.radio import survey_of_readings
@@ -109,7 +109,7 @@ def log_of(path: str) -> Log:
 def scans_of(paths: tuple[str, ...]) -> Scans:
     """Scans of some walks, parsed once."""
     here = Path(__file__)
-    code = files_sha256(here.parent, [here]) + closure_sha256(ilc20.__name__, {"pdrbench"})
+    code = bytes_sha256([here, Path(ilc20.__file__)])
     return Scans(paths, **parsed_once(paths, code, (*_OF_WALK, *_JOINED), _parsed))
 
 

@@ -12,7 +12,7 @@ import msgspec
 
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.errors import ResultError
-from pdrbench.evaluation.code import package_sha256
+from pdrbench.evaluation.origin import package_sha256
 from pdrbench.evaluation.store import write_whole
 from pdrbench.io import READERS
 

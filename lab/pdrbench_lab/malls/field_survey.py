@@ -5,11 +5,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.evaluation.code import closure_sha256
+from pdrbench.files import bytes_sha256
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.inertial import level_field_ut
 from pdrbench.io.log import Log
@@ -51,7 +52,7 @@ class Fields:
 @functools.lru_cache(maxsize=4)
 def fields_of(paths: tuple[str, ...]) -> Fields:
     """Samples of some walks, parsed once."""
-    code = closure_sha256(__name__, {"pdrbench", "pdrbench_sim"})
+    code = bytes_sha256([Path(__file__)])
     return Fields(paths, **parsed_once(paths, code, ("samples", "xy_m", "field_ut"), _parsed))
 
 

@@ -7,6 +7,7 @@ run.
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import time
@@ -23,7 +24,7 @@ from pdrbench.errors import ResultError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.deadlines import last_words
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
-from pdrbench.evaluation.sources import core_sha256, machine, target_sha256, versions
+from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.registry import PluginEntry, make_task
 from pdrbench.result import COMPLETE, FAILED
 from pdrbench_lab.reproduce.reproduction import Experiment, Numbers
@@ -32,9 +33,6 @@ MAX_DEATHS: Final = 2  # one process beside others, which may be to blame, and o
 FORMAT: Final = "pdrbench-measurement 1"
 SUFFIX: Final = ".json"
 FAILURE_SUFFIX: Final = ".failure.txt"
-# Rooms and files of the core that cannot change what an experiment returns; unlike an estimate, a score can.
-NEUTRAL: Final = frozenset({"cli", "picture", "report"})
-NEUTRAL_FILES: Final = frozenset(f"evaluation/{name}.py" for name in ("progress", "trace"))
 FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}  # JSON has no numbers for these
 
 
@@ -45,12 +43,9 @@ class ExperimentJob(Job):
     in_order: ClassVar[bool] = True
     measure: str  # `package.module:function`
 
-    def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
-        """Digests of the sources when this process began to load them."""
-        for package in self.sources:
-            if package not in memory:
-                memory[package] = _digest(package)
-        return {package: memory[package] for package in self.sources}
+    def present_sources(self) -> Mapping[str, str]:
+        """Digests of the packages when this process first looked, which is before it loads them."""
+        return {package: _digest(package) for package in self.sources}
 
     def failure_path(self, folder: Path) -> Path:
         """Where it says why the job failed."""
@@ -72,8 +67,9 @@ class ExperimentJob(Job):
         return FAILED, None
 
 
+@functools.cache
 def _digest(package: str) -> str:
-    return core_sha256(NEUTRAL, NEUTRAL_FILES) if package == "pdrbench" else target_sha256(package)
+    return package_sha256(package)
 
 
 def plan_experiments(
@@ -86,7 +82,7 @@ def plan_experiments(
         seeds: Number of seeds by experiment.
         packages: Whose sources, beside those of the core, determine a measurement.
     """
-    sources = {package: _digest(package) for package in ("pdrbench", *sorted(packages))}
+    sources = {package: package_sha256(package) for package in ("pdrbench", *sorted(packages))}
     jobs = []
     for experiment in experiments:
         ingredients = {

@@ -15,8 +15,8 @@ from typing import Any, Final
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.number_text import three_digits
+from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.evaluation.scheduler import run_all
-from pdrbench.evaluation.sources import machine, target_sha256, versions
 from pdrbench.registry import (
     PluginEntry,
     PluginError,
@@ -254,7 +254,7 @@ def draw_figures(found: Reproduced) -> list[Path]:
     folder = store.make_folder(found.folder / FIGURES_FOLDER)
     key = store.result_key(
         {
-            "sources": {package: target_sha256(package) for package in sorted({OURS, *_packages(found.entry)})},
+            "sources": {package: package_sha256(package) for package in sorted({OURS, *_packages(found.entry)})},
             "quick": found.quick,
             "measured": {name: [plain_numbers(numbers) for numbers in runs] for name, runs in found.measured.items()},
         }
