@@ -139,7 +139,7 @@ def numbers(_: Path | None = None) -> Made:
         parts[3] = re.sub(r"\d+(?:\.\d+)?", lambda found: next(values, found[0]), parts[3])  # noqa: B023
         parts[4] = f" {hold} gates hold "
         lines[at] = "|".join(parts)
-    task = make_task("MallPhone-v1")
+    task = make_task("MallPhone-v2")
     floors = set(_mall_floors())
     count = sum(map(len, task.walks.values()))
     text = put(r"\d+ real phone walks on \d+ floors", f"{count} real phone walks on {len(floors)} floors", text)
@@ -305,8 +305,8 @@ def _film(frames: list[Any], path: Path) -> bytes:
 
 
 CHROMIUM: Final = "chromium --headless --no-sandbox --hide-scrollbars --virtual-time-budget=5000"
-BOARD: Final = "CorridorPhone-v0"
-DRIFT: Final = "woodman2008_drift-v1 LabStrideLost-v1"
+BOARD: Final = "CorridorPhone-v1"
+DRIFT: Final = "woodman2008_drift-v1 LabStrideLost-v2"
 
 
 def paper(name: str, what: str, takes: str, *, needs: str = "", page: str = "", **figures: str) -> View:
@@ -427,7 +427,7 @@ VIEWS: Final = {
     ),
     "malls": View(
         "Looks at the sealed malls: one a release, never to refresh a figure",
-        ('pdrbench run learned_map-v1 MallPhone-v1 --split test --why "one look per release" --out looks',),
+        ('pdrbench run learned_map-v1 MallPhone-v2 --split test --why "one look per release" --out looks',),
         "an hour",
         "`ilc20_full`",
         pages=("malls.md", "baselines.md"),

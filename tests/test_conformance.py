@@ -37,16 +37,15 @@ from pdrbench.task import SURVEYS, Task
 OURS = "pdrbench"  # the distribution; the laboratory tests its own
 ENVIRONMENTS = sorted(name for name, entry in environments().items() if entry.package == OURS)
 LOCALIZERS = sorted(name for name, entry in localizers().items() if entry.package == OURS)
-SUPERSEDED = {*newest_versions(ENVIRONMENTS)} - {"OfficeStride-v0"}
-SMALL = "OfficeStride-v0"  # the environment of the default run where one is enough
+SMALL = "OfficeStride-v2"  # the environment of the default run where one is enough
 BEGIN_S, WHOLE_S = 12.0, 60.0  # of a walk: the first has steps, scans and all first looks, the second also what lags
 LONG_S = {
-    "MallPhone-v1": 40.0,
-    "MallPhoneLost-v1": 40.0,
-    "OfficeFoot-v0": 40.0,
+    "MallPhone-v2": 40.0,
+    "MallPhoneLost-v2": 40.0,
+    "OfficeFoot-v2": 40.0,
 }  # for all walks of a split
 # Environments with the walks of `MallPhone` and another start or another map: every third walk shows what differs.
-SAME_WALKS = ("MallPhoneLost-v0", "MallPhoneLost-v1")
+SAME_WALKS = ("MallPhoneLost-v2",)
 
 
 # Recorded train walks with one of nine and four of ten places outside the published plan, see docs/malls.md.
@@ -103,11 +102,8 @@ def test_nothing_registered_is_broken() -> None:
     assert ENVIRONMENTS and LOCALIZERS
 
 
-SLOW = ("WestportFoot-v1",)  # to make; OfficeFoot-v1 has its sensors, WestportPhone-v0 its building
-DEFAULT = [
-    pytest.param(name, marks=pytest.mark.long(seconds=6) if name in {*SLOW, *SUPERSEDED} else ())
-    for name in ENVIRONMENTS
-]
+SLOW = ("WestportFoot-v2",)  # to make; OfficeFoot-v2 has its sensors, WestportPhone-v1 its building
+DEFAULT = [pytest.param(name, marks=pytest.mark.long(seconds=6) if name in SLOW else ()) for name in ENVIRONMENTS]
 
 
 @pytest.mark.parametrize("name", DEFAULT)

@@ -23,7 +23,7 @@ from pdrbench.isolation.shared_modules import shared_distributions, shared_modul
 from pdrbench.localizer_folder import FolderTarget, find_target, list_files, parse_settings, parse_target, read_settings
 from pdrbench.registry import load_localizer
 
-ENV = "OfficeStride-v0"
+ENV = "OfficeStride-v2"
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
 MODEL = """
     import numpy as np

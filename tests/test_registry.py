@@ -79,20 +79,20 @@ def test_a_file_that_fails_to_import_is_named(tmp_path: Path, content: str) -> N
 
 
 def test_unknown_ids_suggest_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match=r"did you mean 'OfficeStride-v0'\?"):
+    with pytest.raises(UnknownNameError, match=r"did you mean 'OfficeStride-v2'\?"):
         make_task("OficeStride-v0")
     with pytest.raises(UnknownNameError, match=r"did you mean 'stay-v0'\?"):
         make_localizer("stay-v1")
 
 
 def test_the_prefix_of_gymnasium_is_understood() -> None:
-    assert make_task("pdrbench/OfficeStride-v0") == make_task("OfficeStride-v0")
+    assert make_task("pdrbench/OfficeStride-v2") == make_task("OfficeStride-v2")
 
 
 def test_a_task_that_calls_itself_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     entry = PluginEntry("Other-v0", "pdrbench_envs.office_stride:task", "a_package")
     monkeypatch.setattr(registry, "environments", lambda: {"Other-v0": entry})
-    with pytest.raises(PluginError, match="calls itself 'OfficeStride-v0'"):
+    with pytest.raises(PluginError, match="calls itself 'OfficeStride-v2'"):
         make_task("Other-v0")
 
 
@@ -110,8 +110,8 @@ def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("name", [None, 3])
 def test_a_value_that_is_no_name_is_an_unknown_name(name: object) -> None:
-    with pytest.raises(UnknownNameError, match=f"no split of OfficeStride-v0 named {name}"):
-        make_task("OfficeStride-v0").split(name)  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=f"no split of OfficeStride-v2 named {name}"):
+        make_task("OfficeStride-v2").split(name)  # type: ignore[arg-type]
 
 
 def test_a_wrong_name_among_many_lists_some_of_them() -> None:

@@ -394,7 +394,7 @@ def test_an_honest_localizer_scores_alike(task: Task) -> None:
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("env", ["FootVicon-v0", "MallPhone-v0", "Ipin2023Phone-v0", "PhoneSteps-v1"])
+@pytest.mark.parametrize("env", ["FootVicon-v1", "MallPhone-v2", "IpinPhone-v1", "PhoneSteps-v1"])
 def test_recorded_environments_have_replays(env: str, data_root: Path) -> None:
     task = make_task(env, SECRET)
     if not (data_root / str(task.dataset)).is_dir():
@@ -410,7 +410,7 @@ def test_recorded_environments_have_replays(env: str, data_root: Path) -> None:
 @pytest.mark.data
 @pytest.mark.long(seconds=25)
 @pytest.mark.parametrize(
-    ("env", "split"), [("MallPhone-v0", "val"), ("MallPhoneLost-v0", "val"), ("Ipin2023Phone-v0", "val")]
+    ("env", "split"), [("MallPhone-v2", "val"), ("MallPhoneLost-v2", "val"), ("IpinPhone-v1", "val")]
 )
 def test_registered_localizers_score_alike(
     env: str, split: str, data_root: Path, monkeypatch: pytest.MonkeyPatch

@@ -50,14 +50,10 @@ def test_folds_part_whole_units() -> None:
 @pytest.mark.parametrize(
     ("env", "kind", "num_units"),
     [
-        ("CorridorPhone-v1", "person", 13),
-        ("PhoneHandling-v1", "person", 8),
-        ("WlanHallway-v1", "person", 20),
-        ("WestportPhone-v0", "person", 12),
-        ("FootVicon-v0", "person", 1),
-        ("PhoneSteps-v1", "person", 1),
-        ("Ipin2023Phone-v0", "route", 4),
-        ("MallPhone-v0", "session", 28),
+        ("WestportPhone-v1", "person", 12),
+        ("FootVicon-v1", "person", 1),
+        ("IpinPhone-v1", "route", 4),
+        ("MallPhone-v2", "outing", 31),
     ],
 )
 def test_units_of_environments(env: str, kind: str, num_units: int) -> None:
@@ -66,7 +62,7 @@ def test_units_of_environments(env: str, kind: str, num_units: int) -> None:
 
 
 def test_held_out_walks_have_units_of_their_own() -> None:
-    task = make_task("CorridorPhone-v1", "0" * 32)
+    task = make_task("WestportPhone-v1", "0" * 32)
     held_out = {task.units[walk] for walk in task.walks["heldout"]}
-    assert len(held_out) == 4
+    assert len(held_out) == 8
     assert not held_out & {task.units[walk] for split in ("train", "val", "test") for walk in task.walks[split]}

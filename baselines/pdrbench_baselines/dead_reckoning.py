@@ -19,7 +19,7 @@ from pdrbench.params import merged
 class DeadReckoningParams:
     """Defaults for `DeadReckoning`."""
 
-    step_length_m: float = 0.63  # path length over detected steps, all train walks of MallPhone-v0
+    step_length_m: float = 0.63  # path length over detected steps, all train walks of MallPhone-v2
     level_height_m: float = 3.0  # rise that counts as a level where the briefing has no building
 
 

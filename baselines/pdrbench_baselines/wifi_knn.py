@@ -17,7 +17,7 @@ from pdrbench.radio.matching import FRESHNESS_PER_S, POWER, SURVEY_AGE_S
 
 @dataclass(frozen=True, slots=True)
 class WifiKnnParams:
-    """Chosen on the train and survey walks of MallPhoneLost-v0, each matched against all others."""
+    """Chosen on the train and survey walks of MallPhoneLost-v2, each matched against all others."""
 
     neighbours: int = 3
     power: float = POWER  # of the strength; see `pdrbench.radio.strength`

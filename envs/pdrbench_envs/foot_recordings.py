@@ -1,5 +1,4 @@
-"""Recorded walks with a unit on the foot and no map: `FootVicon-v0`, `FootWalks-v0`, `FootLoops-v0`, `FootShort-v0`,
-`FootDual-v0`.
+"""Recorded walks with a unit on the foot and no map: `FootVicon-v1`, `FootWalks-v1`.
 
 Each is a registered dataset, played whole as test walks: everything is reported on and nothing is tuned on. Where the
 folder found holds other walks of the same kind, the environment is made of those and says so in `Task.note`.
@@ -18,7 +17,6 @@ from typing import Final
 import numpy as np
 
 from pdrbench.datasets import dataset, find, is_available
-from pdrbench.errors import unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, path_heading_rad
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec
@@ -26,7 +24,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 from pdrbench_envs.recorded import checked_file, file_sha256, opaque_id
-from pdrbench_sim.readers import foot_dual, foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
 CAPACITY: Final = 64  # 400 Hz for 0.05 s makes 20 rows; room for what comes in a heap
@@ -36,28 +34,20 @@ _ID_KEY: Final = b"pdrbench.foot_recordings"
 _SLACK_S: Final = 1e-6  # as an episode has it: k * period_s is rounded
 _NOTE: Final = "data differs from the registered {}: scores are not comparable with published tables"
 
-_HANDED_OUT: Final = """
+HANDED_OUT: Final = """
 **Handed out** every 0.05 s: {sensors}. Axes are those of the case of the unit, fixed to the foot and otherwise unknown:
 gravity shows which way is up. No map is given.
 """
-_POSE: Final = """
+POSE: Final = """
 **Start**: place, level 0, and as heading the direction from the start to where the line through the places at which the
 foot stood is first half a metre away, as a user would align a walk on a map. The start is not scored.
-
-**Splits**: `test` only, under opaque ids in shuffled order. Tune elsewhere.
-"""
-_LOOP: Final = """
-**Scored** is one place, the last: the walk ends where it began. That is no test of where one was in between, and who
-never moves scores 0: read it beside the distance walked, and compare no localizer that knows of the loop.
-
-**Start**: the origin, level 0. No heading is known, and none is needed.
 
 **Splits**: `test` only, under opaque ids in shuffled order. Tune elsewhere.
 """
 
 
 @dataclass(frozen=True, slots=True)
-class _FootSet:
+class FootSet:
     """What one of these environments is made of."""
 
     env: str  # id of the environment
@@ -94,7 +84,7 @@ def motion_capture(log: Log) -> Trajectory:
     x_m, y_m, z_m = (np.interp(t_s, captured.t_s, column) for column in (*captured.xy_m.T, captured.z_m))
     after = np.searchsorted(captured.t_s, t_s).clip(max=len(captured) - 1)
     seen = captured.surveyed[after] & captured.surveyed[np.maximum(after - 1, 0)]
-    return _on_the_ground(t_s, np.column_stack([x_m, y_m]), seen & (t_s > 0), z_m=z_m - z_m[0])
+    return on_the_ground(t_s, np.column_stack([x_m, y_m]), seen & (t_s > 0), z_m=z_m - z_m[0])
 
 
 def rests(log: Log) -> Trajectory:
@@ -105,22 +95,16 @@ def rests(log: Log) -> Trajectory:
     """
     step = np.floor((log.reference.t_s + _SLACK_S) / PERIOD_S)
     is_new = np.diff(step, prepend=-1.0) > 0
-    return _on_the_ground(step[is_new] * PERIOD_S, log.reference.xy_m[is_new], np.arange(int(is_new.sum())) > 0)
+    return on_the_ground(step[is_new] * PERIOD_S, log.reference.xy_m[is_new], np.arange(int(is_new.sum())) > 0)
 
 
-def both_ends(log: Log) -> Trajectory:
-    """The start, which is given, and the end, scored, which is the same place."""
-    ends = log.reference
-    return _on_the_ground(ends.t_s, ends.xy_m, ends.t_s > 0, z_m=ends.z_m)
-
-
-def _on_the_ground(t_s: FloatArray, xy_m: FloatArray, surveyed: BoolArray, z_m: FloatArray | None = None) -> Trajectory:
+def on_the_ground(t_s: FloatArray, xy_m: FloatArray, surveyed: BoolArray, z_m: FloatArray | None = None) -> Trajectory:
     level: IntArray = np.zeros(len(t_s), dtype=np.int64)
     return Trajectory(t_s=t_s, xy_m=xy_m, level=level, surveyed=surveyed, z_m=z_m)
 
 
-_VICON: Final = _FootSet(
-    env="FootVicon-v0",
+VICON: Final = FootSet(
+    env="FootVicon-v1",
     dataset="foot_vicon",
     pattern="*.mat",
     read=foot_vicon.read,
@@ -138,11 +122,11 @@ of the trials, nothing is scored.
 **What is hard**: fast walks, in which the foot rests for an instant, a gyroscope that is driven to its stop at
 9.2 rad/s, and walks that turn all the time. Some trials begin while the foot already moves.
 """
-    + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
-    + _POSE,
+    + HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
+    + POSE,
 )
-_WALKS: Final = _FootSet(
-    env="FootWalks-v0",
+WALKS: Final = FootSet(
+    env="FootWalks-v1",
     dataset="foot_stride_gcp",
     pattern="*_LLIO.mat",
     read=foot_stride_gcp.read,
@@ -159,96 +143,14 @@ navigation to one or two centimetres a stride.
 **What is hard**: runs, in which the foot rests for a tenth of a second or less and never as still as in walking, while
 the gyroscope reaches its stop at 8.8 rad/s.
 """
-    + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
-    + _POSE,
-)
-_LOOPS: Final = _FootSet(
-    env="FootLoops-v0",
-    dataset="foot_loops",
-    pattern="Measurement_*/data_inert.txt",
-    read=foot_loops.read,
-    reference=both_ends,
-    device="MicroStrain 3DM-GX2",
-    sensors=("accel", "gyro", "mag"),
-    rate_hz=250.0,
-    summary="A unit in the sole of a shoe, loops of 81 to 89 m that close to a centimetre; start place known",
-    description="""\
-Loops of 81 to 89 m, some 10 by 29 m, walked at 5 km/h with a unit in the sole of the right shoe (Skog, Nilsson,
-Handel 2010). The shoe rests for a few seconds at both ends and stands on the same place to a centimetre.
-"""
-    + _HANDED_OUT.format(sensors="accelerometer, gyroscope and magnetometer at 250 Hz, a few rows of the last missing")
-    + _LOOP,
-)
-_SHORT: Final = _FootSet(
-    env="FootShort-v0",
-    dataset="foot_short",
-    pattern="*.csv",
-    read=foot_short.read,
-    reference=both_ends,
-    device="x-io NGIMU",
-    sensors=("accel", "gyro"),
-    rate_hz=398.0,
-    summary="A unit on the foot, one loop of 25 m; start place known",
-    description="""\
-One loop of some 25 m that ends where it began, of x-io's example of gait tracking. Samples were lost on the way to the
-logger: 165 steps of time are two to five times as long as the others.
-"""
-    + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 398 Hz")
-    + _LOOP,
+    + HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
+    + POSE,
 )
 
 
-def _both_feet(path: Path) -> Log:
-    """The unit of one file, and as `accel_2` and `gyro_2` the one on the other foot."""
-    other = path.with_name("imuMeasRight.csv" if "Left" in path.name else "imuMeasLeft.csv")
-    log, rows = foot_dual.read(path), foot_dual.read(other).rows
-    return dataclasses.replace(log, rows={**log.rows, "accel_2": rows["accel"], "gyro_2": rows["gyro"]})
-
-
-_DUAL: Final = _FootSet(
-    env="FootDual-v0",
-    dataset="foot_dual",
-    pattern="imuMeas*.csv",
-    read=_both_feet,
-    reference=motion_capture,
-    device="not stated",
-    sensors=("accel", "gyro", "accel_2", "gyro_2"),
-    rate_hz=60.0,
-    summary="Units on both feet of one walker at 60 Hz, 62 and 72 m; start pose known",
-    description="""\
-One person walks for 120 s with a unit on each foot (Hu, Hu 2025). Each of the two walks follows one foot: `accel` and
-`gyro` are the unit on it, `accel_2` and `gyro_2` the unit on the other foot, of which no place is given. The reference
-is the foot at every 0.05 s, with its height. Published horizontal RMS of a Kalman filter with zero velocities, not
-aligned: 1.484 m right, 3.904 m left; of a factor graph with a constraint on the step: 0.331 m and 1.414 m.
-
-**What is hard**: 60 Hz, and a second of standing at the start, in which the gyroscope on the right foot reads up to 1.2
-degrees/s. The two feet are never farther apart than a step.
-"""
-    + _HANDED_OUT.format(sensors="accelerometer and gyroscope of both units at 60 Hz")
-    + _POSE,
-)
-_KINDS: Final = {kind.env: kind for kind in (_VICON, _WALKS, _LOOPS, _SHORT, _DUAL)}
-
-
-def walk_files(env: str) -> dict[str, Path]:
-    """Where the file of each walk of one of these environments lies, in the order of play.
-
-    For measurements that need what is published with a walk; a localizer must see none of it.
-
-    Raises:
-        UnknownNameError: It is none of these environments.
-        DatasetError: The data is not available.
-    """
-    if env not in _KINDS:
-        raise unknown_name("environment on recordings of the foot", env, _KINDS)
-    kind = _KINDS[env]
-    folder = find(kind.dataset)
-    return {walk: folder / path for walk, path in _walks(_found(kind)).items()}
-
-
-def _make_task(kind: _FootSet) -> Task:
-    found = _found(kind)
-    walks = _walks(found)
+def make_task(kind: FootSet) -> Task:
+    found = found_walks(kind)
+    walks = walk_ids(found)
     registered = dataset(kind.dataset)
     return Task(
         id=kind.env,
@@ -271,7 +173,7 @@ def _make_task(kind: _FootSet) -> Task:
     )
 
 
-def _found(kind: _FootSet) -> Mapping[str, str]:
+def found_walks(kind: FootSet) -> Mapping[str, str]:
     """sha256 by path of the walks that this machine has, or of the registered ones where it has none.
 
     A registered name stands for the registered hash, which is checked when the walk is loaded.
@@ -290,13 +192,13 @@ def _other_sha256(registered: Mapping[str, str], path: str, sha256: str) -> str:
     return "" if registered.get(path) == sha256 else sha256
 
 
-def _walks(found: Mapping[str, str]) -> dict[str, str]:
+def walk_ids(found: Mapping[str, str]) -> dict[str, str]:
     """Path by walk id, in the order of play, which is that of their opaque ids."""
     opaque = {path: opaque_id(path, _ID_KEY) for path in found}
     return {f"test-{opaque[path]}": path for path in sorted(found, key=lambda path: opaque[path])}
 
 
-def _load(kind: _FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Recording:
+def _load(kind: FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Recording:
     path, sha256 = files[walk]
     log = _log(kind, find(kind.dataset) / path, sha256)
     rates = {spec.name: spec for spec in kind.specs}
@@ -306,7 +208,7 @@ def _load(kind: _FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Re
 
 
 @functools.lru_cache(maxsize=64)
-def _log(kind: _FootSet, place: Path, sha256: str) -> Log:
+def _log(kind: FootSet, place: Path, sha256: str) -> Log:
     """Reads a walk once it is known to be the one that is meant."""
     return kind.read(checked_file(place, sha256, kind.dataset, "give another walk another name"))
 
@@ -330,8 +232,5 @@ def _stands(reference: Trajectory) -> BoolArray:
     return stands
 
 
-task_vicon = functools.partial(_make_task, _VICON)
-task_walks = functools.partial(_make_task, _WALKS)
-task_loops = functools.partial(_make_task, _LOOPS)
-task_dual = functools.partial(_make_task, _DUAL)
-task_short = functools.partial(_make_task, _SHORT)
+task_vicon = functools.partial(make_task, VICON)
+task_walks = functools.partial(make_task, WALKS)

@@ -1,4 +1,4 @@
-"""`OfficePhoneAbroad-v0`: phones of people who differ more than those that localizers here were tuned on."""
+"""`OfficePhoneAbroad-v1`: phones of people who differ more than those that localizers here were tuned on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pdrbench.building import Building
     from pdrbench_sim.record import BuildingScene
 
-ENV: Final = "OfficePhoneAbroad-v0"
+ENV: Final = "OfficePhoneAbroad-v1"
 GROUPS: Final = ("usual", "gentle", "slow", "pocket", "swing", "ear", "bag", "cart", "other phone")  # in turn
 SPLITS: Final = {  # every walk by a person of its own; no group is bound to a building
     "train": Split(walks=36, buildings=4, people=36),

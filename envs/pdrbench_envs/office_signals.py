@@ -1,7 +1,4 @@
-"""Raw sensors of people who walk through synthetic offices: `OfficePhone-v0` (a phone), `OfficeFoot-v0` (on a shoe).
-
-`OfficeFoot-v1` has the walks of version 0 with feet that stand as long as recorded ones in slow strides.
-"""
+"""Raw sensors of people who walk through synthetic offices: `OfficePhone-v1` (a phone), `OfficeFoot-v2` (on a shoe)."""
 
 from __future__ import annotations
 
@@ -23,13 +20,11 @@ from pdrbench_envs.generated import GeneratedWalks, Split, start_place, with_hel
 from pdrbench_envs.office_stride import draw_office
 
 if TYPE_CHECKING:
-    from pdrbench_sim.foot.style import SwingParams
     from pdrbench_sim.people.person import Person
     from pdrbench_sim.record import BuildingScene, Setup
 
-FOOT: Final = "OfficeFoot-v0"
-FOOT_V1: Final = "OfficeFoot-v1"
-PHONE: Final = "OfficePhone-v0"
+FOOT: Final = "OfficeFoot-v2"
+PHONE: Final = "OfficePhone-v1"
 FOOT_PERIOD_S: Final = 0.05  # as the recorded walks with a unit on the foot have it
 PHONE_PERIOD_S: Final = 0.2  # as the recorded walks with a phone have it
 FOOT_HZ: Final = 120.0  # of an MTx
@@ -59,7 +54,6 @@ class _SignalSet:
     rate_hz: float  # of the inertial unit
     period_s: float  # between observations
     duration_s: tuple[float, float]  # of a walk, least and most
-    superseded_by: str | None = None
 
     @property
     def walks(self) -> GeneratedWalks:
@@ -82,9 +76,8 @@ class _SignalSet:
 
 SAMPLED: Final = frozenset({"accel", "gyro", "mag", "rotation"})
 CAPACITY: Final = {"wifi": 1024, "ble": 64, "baro": 8}
-_NUMBER: Final = {FOOT: 0, PHONE: 1, FOOT_V1: 0}
-_FOOT: Final = _SignalSet(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0), superseded_by=FOOT_V1)
-_FOOT_V1: Final = dataclasses.replace(_FOOT, env=FOOT_V1, superseded_by=None)
+_NUMBER: Final = {FOOT: 0, PHONE: 1}
+_FOOT: Final = _SignalSet(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0))
 _PHONE: Final = _SignalSet(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 240.0))
 
 
@@ -103,10 +96,6 @@ of the foot.
 
 **What is hard**: the heading drifts, and near the floor the magnetic field is that of the floor, not of the Earth.
 """
-FORMER_FOOT: Final = """
-**Superseded** by `{later}`: here the feet of slow strides stand for too short a time (0.43 of a stride of 0.6 m/s,
-recorded 0.54).
-"""
 _ABOUT_PHONE: Final = """
 **Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector of a phone at 100 Hz, a barometer
 at 10 Hz, WLAN scans about every two seconds, of which half the rows repeat older sightings (`age_s`), and Bluetooth
@@ -120,18 +109,14 @@ the place of the body every second.
 """
 
 
-def task_foot(kind: _SignalSet = _FOOT) -> Task:
+def task_foot() -> Task:
     """A unit on the foot and WLAN; nothing is generated before it is loaded."""
-    former = FORMER_FOOT.format(later=kind.superseded_by) if kind.superseded_by else ""
     return _make_task(
-        kind,
+        _FOOT,
         summary="Raw signals of a unit on the foot and WLAN, through synthetic three-level offices; start pose known",
-        description=_WHERE + _ABOUT_FOOT + former,
+        description=_WHERE + _ABOUT_FOOT,
         tell_start=tell_foot_start,
     )
-
-
-task_foot_v1 = functools.partial(task_foot, _FOOT_V1)
 
 
 def task_phone() -> Task:
@@ -188,20 +173,13 @@ def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Gener
     from pdrbench_sim.record import IN_HAND, IN_POCKET, ON_FOOT
 
     if kind is not _PHONE:
-        return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors, swing=swing_of(kind.env))
+        return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors)
     first, other = (IN_HAND, IN_POCKET) if index % 2 == 0 else (IN_POCKET, IN_HAND)
     switches = (
         ((duration_s * float(rng.uniform(0.3, 0.7)), other.mounting),) if rng.random() < SWITCHED_FRACTION else ()
     )
     device = "phone_mid" if rng.random() < 0.5 else "phone_good"
     return dataclasses.replace(first, rate_hz=kind.rate_hz, sensors=kind.sensors, switches=switches, device=device)
-
-
-def swing_of(env: str) -> SwingParams | None:
-    """How feet swing in an environment: in version 0 as in the first environments."""
-    from pdrbench_sim.foot.style import MEASURED
-
-    return None if env.endswith("-v0") else MEASURED
 
 
 def at_observations(recording: Recording) -> Recording:

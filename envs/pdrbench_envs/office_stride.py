@@ -1,11 +1,8 @@
-"""OfficeStride-v0 and -v1: a synthetic office of three levels, strides of one foot, a known start."""
+"""`OfficeStride-v2`: a synthetic office of three levels, strides of one foot, a known start."""
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,7 +10,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording, SensorStream
-from pdrbench.sensors.stride import STRIDE, StrideErrors, measure, measured
+from pdrbench.sensors.stride import STRIDE, StrideErrors, measure
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
     from pdrbench_sim.people.route import NavigationMesh, Place
     from pdrbench_sim.people.strides import Stances
 
-ENV: Final = "OfficeStride"
+ENV: Final = "OfficeStride-v2"
 PERIOD_S: Final = 0.2
 HOLD_S: Final = (
     PERIOD_S + 0.01
@@ -42,12 +39,15 @@ SPLITS: Final = {
     "val": Split(walks=10, buildings=5, people=5),
     "test": Split(walks=20, buildings=5, people=10),
 }
+WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS, Split(8, buildings=4, people=8))
 
 
 _DESCRIPTION: Final = """\
 A person visits rooms on several levels of an office building for three to five minutes: corridors, doors, stairwells
 with real treads, pauses. A foot-mounted unit reports every stride of one foot: length, change of height, change of
-heading (W3), with errors that were measured on recordings of the foot: {errors}.
+heading (W3), with errors that were measured on recordings of the foot: lengths about 2 cm
+short, by another amount in every walk, a heading that drifts by a constant turn per stride of a law with heavy tails,
+and a third of strides that err three times as much as the others.
 
 Given before the walk: the building, the start with its heading (the heading of the first stride), the height of the
 person. A stride is reported while the foot rests, and the foot still rests at the observation that delivers it: that is
@@ -56,80 +56,28 @@ drift bends a path by some ten degrees a minute, which the walls and the stairs 
 """
 
 
-@dataclass(frozen=True, slots=True)
-class StrideVersion:
-    """What the versions of an environment of strides differ in: the buildings, people and walks are the same."""
+@functools.cache
+def stride_errors() -> StrideErrors:
+    """The law that strides are drawn with, as `pdrbench error-model --law` of the laboratory fitted it."""
 
-    number: int
-    errors: Callable[[], StrideErrors]  # what strides are drawn with
-    what: str  # the errors in words
-    ended: str = ""  # why there is a later version
-
-    def id(self, env: str) -> str:
-        """Of an environment without its version."""
-        return f"{env}-v{self.number}"
-
-    def superseded_by(self, env: str) -> str | None:
-        """Id of the later version, where there is one."""
-        return f"{env}-v{self.number + 1}" if self.ended else None
-
-    def walks(self, env: str, seed: int, splits: dict[str, Split], held_out: Split | None = None) -> GeneratedWalks:
-        """Walks of this version, from the same random numbers as those of the others."""
-        walks = GeneratedWalks(self.id(env), seed, splits)
-        return walks if held_out is None else dataclasses.replace(walks, held_out=held_out)
-
-
-def fitted() -> StrideErrors:
-    """The law of `pdrbench error-model --law`."""
     return StrideErrors.read(STRIDE_LAW)
 
 
-FORMER: Final = StrideVersion(
-    number=0,
-    errors=measured,
-    what=(
-        "lengths 2.0 % short and\n1.7 cm noisy, heights 1.5 cm noisy, and a heading that drifts by a constant turn per "
-        "stride,\ndifferent for every walk"
-    ),
-    ended=(
-        "The drifts contain what their estimator added for want of strides, no stride is an\noutlier, and lengths are "
-        "short by the same fraction in every walk; the law of the later version\nmends that, and was tested on sets "
-        "that it was not fitted on."
-    ),
-)
-LATEST: Final = StrideVersion(
-    number=1,
-    errors=functools.cache(fitted),
-    what=(
-        "lengths about 2 cm\nshort, by another amount in every walk, a heading that drifts by a constant turn per "
-        "stride of a law with heavy tails,\nand a third of strides that err three times as much as the others"
-    ),
-)
-
-
-def about(version: StrideVersion, env: str, text: str) -> str:
-    """A description with the errors of a version, and why there is a later one."""
-    described = text.format(errors=version.what)
-    later = version.superseded_by(env)
-    return f"{described}\n**Superseded** by `{later}`. {version.ended}\n" if later else described
-
-
-def task(version: StrideVersion = FORMER) -> Task:
+def task() -> Task:
     """The environment; no walk is generated before it is loaded."""
-    walks = version.walks(ENV, _SEED, SPLITS, held_out=Split(8, buildings=4, people=8))
     return with_held_out(
         Task(
-            id=version.id(ENV),
+            id=ENV,
             summary=(
                 "Strides of one foot with measured errors, through synthetic three-level offices; start pose known."
             ),
-            description=about(version, ENV, _DESCRIPTION),
+            description=_DESCRIPTION,
             sensors=(STRIDE,),
             capacity={"stride": 2},
             period_s=PERIOD_S,
             start="pose",
-            walks=walks.ids(),
-            load=functools.partial(_load, version, walks),
+            walks=WALKS.ids(),
+            load=_load,
             tell_start=start_pose,
             licence="MIT",
             source="generated",
@@ -137,17 +85,14 @@ def task(version: StrideVersion = FORMER) -> Task:
     )
 
 
-task_v1 = functools.partial(task, LATEST)
-
-
-def _load(version: StrideVersion, walks: GeneratedWalks, walk: str) -> Recording:
+def _load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
-    split, index = walks.place_of(walk)
-    plan = walks.split(split)
+    split, index = WALKS.place_of(walk)
+    plan = WALKS.split(split)
     building = _building(split, index % plan.buildings)
     person = _person(split, index % plan.people)
-    rests = _draw_rests(building, person, walks.rng(split, _WALK, index))
-    rows, reference = record_strides(building, rests, walks.rng(split, _ERRORS, index), version.errors())
+    rests = _draw_rests(building, person, WALKS.rng(split, _WALK, index))
+    rows, reference = record_strides(building, rests, WALKS.rng(split, _ERRORS, index))
     return stride_recording(walk, building, person, rows, reference)
 
 
@@ -166,12 +111,9 @@ def stride_recording(
     )
 
 
-_DRAWN: Final = FORMER.walks(ENV, _SEED, SPLITS)  # whose buildings and people all versions share
-
-
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
-    return draw_office(_DRAWN, split, _BUILDING, number)
+    return draw_office(WALKS, split, _BUILDING, number)
 
 
 def draw_office(walks: GeneratedWalks, split: str, stream: int, number: int) -> Building:
@@ -186,7 +128,7 @@ def draw_office(walks: GeneratedWalks, split: str, stream: int, number: int) -> 
 def _person(split: str, number: int) -> Person:
     from pdrbench_sim.people.person import draw_person
 
-    return draw_person(_DRAWN.rng(split, _PERSON, number))
+    return draw_person(WALKS.rng(split, _PERSON, number))
 
 
 def _draw_rests(building: Building, person: Person, rng: np.random.Generator) -> Stances:
@@ -214,9 +156,7 @@ def _draw_places(rng: np.random.Generator, mesh: NavigationMesh) -> list[Place]:
     return [draw_place(rng, mesh, level=int(level)) for level in levels]
 
 
-def record_strides(
-    building: Building, rests: Stances, rng: np.random.Generator, errors: StrideErrors
-) -> tuple[FloatArray, Trajectory]:
+def record_strides(building: Building, rests: Stances, rng: np.random.Generator) -> tuple[FloatArray, Trajectory]:
     """Stride events with errors, and where the foot rests at the observation, every `PERIOD_S`, that delivers each.
 
     Returns:
@@ -227,7 +167,7 @@ def record_strides(
 
     true = strides(building, rests)
     reported = report_times_s(rests, HOLD_S)
-    rows = measure(np.column_stack([reported[1:], true.length_m, true.height_m, true.turn_rad]), rng, errors)
+    rows = measure(np.column_stack([reported[1:], true.length_m, true.height_m, true.turn_rad]), rng, stride_errors())
     observation = np.ceil(reported / PERIOD_S - 1e-9)
     observation[0] = 0
     return rows, Trajectory(

@@ -1,6 +1,5 @@
-"""Simulated people in a real building of seven levels: `WestportPhone-v0` (a phone), `WestportFoot-v0` (on a shoe).
+"""Simulated people in a real building of seven levels: `WestportPhone-v1` (a phone), `WestportFoot-v2` (on a shoe).
 
-`WestportFoot-v1` has the walks of version 0 with feet that stand as long as recorded ones in slow strides.
 The plan is that of Westport House in the registered set `maps`; walks can be made only where that is found.
 """
 
@@ -28,14 +27,12 @@ from pdrbench_envs.office_signals import (
     FOOT_HZ,
     FOOT_PERIOD_S,
     FOOT_SENSORS,
-    FORMER_FOOT,
     PHONE_HZ,
     PHONE_PERIOD_S,
     PHONE_SENSORS,
     SAMPLED,
     SURVEY_PLACES,
     at_observations,
-    swing_of,
 )
 from pdrbench_envs.recorded import checked_file
 
@@ -45,9 +42,8 @@ if TYPE_CHECKING:
 
 DATASET: Final = "maps"
 FOLDER: Final = "westport_house/westport-house"
-PHONE: Final = "WestportPhone-v0"
-FOOT: Final = "WestportFoot-v0"
-FOOT_V1: Final = "WestportFoot-v1"
+PHONE: Final = "WestportPhone-v1"
+FOOT: Final = "WestportFoot-v2"
 SPLITS: Final = {
     "train": Split(walks=12, people=12),
     "val": Split(walks=6, people=6),
@@ -73,7 +69,6 @@ class _Kind:
         rate_hz: Of the inertial unit.
         period_s: Between observations.
         number: In seeds.
-        superseded_by: Id of a later version.
     """
 
     env: str
@@ -82,7 +77,6 @@ class _Kind:
     rate_hz: float
     period_s: float
     number: int
-    superseded_by: str | None = None
 
     @property
     def walks(self) -> GeneratedWalks:
@@ -91,8 +85,7 @@ class _Kind:
 
 
 _PHONE: Final = _Kind(PHONE, PHONE_SENSORS, ("level_change",), PHONE_HZ, PHONE_PERIOD_S, 0)
-_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, (), FOOT_HZ, FOOT_PERIOD_S, 1, superseded_by=FOOT_V1)
-_FOOT_V1: Final = dataclasses.replace(_FOOT, env=FOOT_V1, superseded_by=None)
+_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, (), FOOT_HZ, FOOT_PERIOD_S, 1)
 _DESCRIPTION: Final = """\
 Simulated people visit rooms of Westport House in Dundee, after its published plan (WRLD 3D, CC BY 4.0): seven levels,
 from a shopping floor to a tower, offices on both sides of long corridors, and eight stairs, one of which reaches all
@@ -104,13 +97,13 @@ The building is the same in all splits; people differ. Sensors, magnetic field a
 offices.
 """
 _ABOUT_PHONE: Final = """
-**Handed out** every 0.2 s: as in `OfficePhone-v0`, and `level_change`, which is computed from pressure and steps by
+**Handed out** every 0.2 s: as in `OfficePhone-v1`, and `level_change`, which is computed from pressure and steps by
 `pdrbench_formats.derive`. The phone is in the hand in half of the walks, in a trouser pocket
 in the others. **Given**: the building, a radio map, the height of the person, place and level of the start.
 **Scored** is the place of the body every second.
 """
 _ABOUT_FOOT: Final = """
-**Handed out** every 0.05 s: as in `OfficeFoot-v0`. **Given**: the building, a radio map, the height of the person,
+**Handed out** every 0.05 s: as in `OfficeFoot-v2`. **Given**: the building, a radio map, the height of the person,
 place, level and heading of the start. **Scored** is the place of the unit at every rest of the foot.
 """
 
@@ -121,14 +114,10 @@ def task_phone() -> Task:
     return _make_task(_PHONE, summary, _DESCRIPTION + _ABOUT_PHONE, start_place)
 
 
-def task_foot(kind: _Kind = _FOOT) -> Task:
+def task_foot() -> Task:
     """A unit on the foot; nothing is generated before it is loaded."""
     summary = "Simulated people with a unit on the foot in a real building of seven levels; start pose known"
-    former = FORMER_FOOT.format(later=kind.superseded_by) if kind.superseded_by else ""
-    return _make_task(kind, summary, _DESCRIPTION + _ABOUT_FOOT + former, tell_foot_start)
-
-
-task_foot_v1 = functools.partial(task_foot, _FOOT_V1)
+    return _make_task(_FOOT, summary, _DESCRIPTION + _ABOUT_FOOT, tell_foot_start)
 
 
 def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
@@ -191,7 +180,7 @@ def _setup(kind: _Kind, index: int, rng: np.random.Generator) -> Setup:
     from pdrbench_sim.record import IN_HAND, IN_POCKET, ON_FOOT
 
     if kind is not _PHONE:
-        return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors, swing=swing_of(kind.env))
+        return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors)
     carried = IN_HAND if index % 2 == 0 else IN_POCKET
     device = "phone_mid" if rng.random() < 0.5 else "phone_good"
     return dataclasses.replace(carried, rate_hz=kind.rate_hz, sensors=kind.sensors, device=device)

@@ -6,12 +6,9 @@ with recordings, which `readers` reads. Import the submodules: they need SciPy a
 """
 
 READERS = {
-    "foot_loops": "pdrbench_sim.readers.foot_loops:READER",
-    "foot_short": "pdrbench_sim.readers.foot_short:READER",
     "foot_stride_gcp": "pdrbench_sim.readers.foot_stride_gcp:READER",
     "foot_vicon": "pdrbench_sim.readers.foot_vicon:READER",
     "ilc20": "pdrbench_sim.readers.ilc20:READER",
     "ilc20_map": "pdrbench_sim.readers.ilc20_map:READER",
-    "phone_steps": "pdrbench_sim.readers.phone_steps:READER",
     "wifi_fingerprints": "pdrbench_sim.readers.wifi_fingerprints:READER",
 }

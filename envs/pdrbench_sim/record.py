@@ -28,7 +28,6 @@ from pdrbench.trajectory import Trajectory
 from pdrbench_sim.fields import barometer
 from pdrbench_sim.fields.magnetic import MagneticField, MagneticParams, draw_magnetometer, make_magnetic_field
 from pdrbench_sim.foot.foot import foot_motion
-from pdrbench_sim.foot.style import SwingParams
 from pdrbench_sim.people.body_line import arc_length_m
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
@@ -94,7 +93,6 @@ class Setup:
     compass: PhoneMagnetometerParams | None = None
     # How the phone of one person moves and measures; its profile comes before `device`.
     manner: PhoneManner = ANY_MANNER
-    swing: SwingParams | None = None  # how feet with a unit swing; None for those of the first environments
     # If given, the reference has places this far apart instead, as a surveyor marks them; least and most.
     waypoint_m: tuple[float, float] | None = None
 
@@ -244,9 +242,7 @@ class _Device:
     ) -> _Device:
         own = feet[int(streams("side").integers(2))]
         if setup.mounting == FOOT:
-            motion = foot_motion(
-                scene.building, own, streams("motion"), end_s=end_s, rate_hz=FOOT_HZ, params=setup.swing
-            )
+            motion = foot_motion(scene.building, own, streams("motion"), end_s=end_s, rate_hz=FOOT_HZ)
             askew = MOUNTING_RAD * streams("mounting").standard_normal((3, 1))
             motion = motion.mounted(from_yaw_pitch_roll(*askew)[0])
         else:

@@ -7,6 +7,9 @@ ENVIRONMENTS = {
     "BuildingSite-v1": "pdrbench_lab.papers.koeping2012.building_site.environment:task",
     "BuildingSiteDrift-v1": "pdrbench_lab.papers.koeping2012.building_site.environment:task_drift",
     "CorridorPhone-v1": "pdrbench_lab.papers.li2012.corridor_phone.environment:task",
+    "FootDual-v1": "pdrbench_lab.environments.foot_recordings:task_dual",
+    "FootLoops-v1": "pdrbench_lab.environments.foot_recordings:task_loops",
+    "FootShort-v1": "pdrbench_lab.environments.foot_recordings:task_short",
     "LabStrideLost-v2": "pdrbench_lab.papers.woodman2008.lab_stride.environment:task",
     "LabStrideWifi-v2": "pdrbench_lab.papers.woodman2008.lab_stride.environment:task_wifi",
     "MallPhoneMagnetic-v1": "pdrbench_lab.malls.magnetic:task",
@@ -15,10 +18,12 @@ ENVIRONMENTS = {
     "PhoneHandling-v1": "pdrbench_lab.environments.phone_handling:task",
     "PhoneSteps-v1": "pdrbench_lab.environments.phone_steps:task",
     "WlanHallway-v1": "pdrbench_lab.papers.frank2009.wlan_hallway.environment:task",
-    # ids of former versions
     "BuildingSite-v0": "renamed:BuildingSite-v1",
     "BuildingSiteDrift-v0": "renamed:BuildingSiteDrift-v1",
     "CorridorPhone-v0": "renamed:CorridorPhone-v1",
+    "FootDual-v0": "renamed:FootDual-v1",
+    "FootLoops-v0": "renamed:FootLoops-v1",
+    "FootShort-v0": "renamed:FootShort-v1",
     "LabStrideLost-v0": "renamed:LabStrideLost-v2",
     "LabStrideLost-v1": "renamed:LabStrideLost-v2",
     "LabStrideWifi-v0": "renamed:LabStrideWifi-v2",
@@ -84,11 +89,14 @@ BENCHES = {
     "simulate": "pdrbench_lab.speed.simulate:run",
 }
 
-WARM_UPS = {
-    "pdrbench_lab.footslam": "pdrbench_lab.footslam.kernels:warm_up",
+READERS = {
+    "foot_loops": "pdrbench_lab.readers.foot_loops:READER",
+    "foot_short": "pdrbench_lab.readers.foot_short:READER",
+    "mvf": "pdrbench_lab.plans.mvf:READER",
+    "phone_steps": "pdrbench_lab.readers.phone_steps:READER",
+    "wrld3d": "pdrbench_lab.plans.wrld3d:READER",
 }
 
-READERS = {
-    "mvf": "pdrbench_lab.plans.mvf:READER",
-    "wrld3d": "pdrbench_lab.plans.wrld3d:READER",
+WARM_UPS = {
+    "pdrbench_lab.footslam": "pdrbench_lab.footslam.kernels:warm_up",
 }

@@ -130,7 +130,7 @@ def successor(name: str) -> str:
 def protocol(env: str) -> tuple[int, int] | None:
     """Walks and seeds of an environment in the newest suite that has it; None where none has.
 
-    >>> protocol("OfficeFoot-v1"), protocol("Elsewhere-v0")
+    >>> protocol("OfficeFoot-v2"), protocol("Elsewhere-v0")
     ((12, 5), None)
     """
     found = [

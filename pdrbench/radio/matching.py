@@ -10,7 +10,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.radio.fingerprints import FingerprintTable, strength
 from pdrbench.recording import RadioMap, SensorSpec
 
-POWER = 2.5  # of the strength, as the next two chosen on the train and survey walks of MallPhoneLost-v0
+POWER = 2.5  # of the strength, as the next two chosen on the train and survey walks of MallPhoneLost-v2
 SURVEY_AGE_S = 12.0  # an older reading of the survey was heard somewhere else
 FRESHNESS_PER_S = 0.8  # a reading of the scan counts for 0.8 ** age
 

@@ -67,7 +67,7 @@ def place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, place: Path) -> None:
-    arguments = ["--env", "OfficeStride-v0", "--walks", 2, "--localizer", "stay-v0", "--localizer", "mine.py:Mine"]
+    arguments = ["--env", "OfficeStride-v2", "--walks", 2, "--localizer", "stay-v0", "--localizer", "mine.py:Mine"]
     outcome = command("compare", *arguments, "--json")
     assert outcome.code == 0
     rows = {row["localizer"]: row for row in outcome.json["rows"]}
@@ -76,42 +76,42 @@ def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, plac
     assert metrics["mean_m"]["unit"] == "m" and metrics["mean_m"]["value"] > 1 and rows["stay-v0"]["walks"] == 2
     assert metrics["mean_m"] == rows["mine.py:Mine"]["metrics"]["mean_m"]  # both stay
     assert metrics["mean_m"]["low"] is None  # no interval from two walks
-    for name in ("table.md", "table.tex", "table.csv", "OfficeStride-v0-cdf.png"):
+    for name in ("table.md", "table.tex", "table.csv", "OfficeStride-v2-cdf.png"):
         assert (place / "pdrbench-results" / name).stat().st_size > 0
     stored = {path: path.stat().st_mtime_ns for path in (place / "pdrbench-results/results").glob("*.result")}
     assert len(stored) == 4
     again = command("compare", *arguments)
-    assert again.code == 0 and "OfficeStride-v0, test split, 2 walks" in again.out and "mine.py:Mine" in again.out
+    assert again.code == 0 and "OfficeStride-v2, test split, 2 walks" in again.out and "mine.py:Mine" in again.out
     assert {path: path.stat().st_mtime_ns for path in stored} == stored
 
     plotted = command("plot", "pdrbench-results", "--out", "again", "--json")
-    assert plotted.code == 0 and "again/OfficeStride-v0-cdf.png" in plotted.json["files"]
+    assert plotted.code == 0 and "again/OfficeStride-v2-cdf.png" in plotted.json["files"]
     assert all((place / file).stat().st_size > 0 for file in plotted.json["files"])
     one = command("plot", next(iter(stored)), "--out", "one")
     assert one.code == 0 and "one/table.md" in one.out
 
 
 def test_run_reports_a_crash_with_its_traceback(command: Any) -> None:
-    outcome = command("run", "mine.py:Crashing", "OfficeStride-v0", "--walks", 1, "--json")
+    outcome = command("run", "mine.py:Crashing", "OfficeStride-v2", "--walks", 1, "--json")
     assert outcome.code == 1 and outcome.json["rows"][0]["walks"] == 1
     assert "ValueError: no step" in outcome.err
 
 
 def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
-    outcome = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1)
+    outcome = command("run", "oracle-v0", "OfficeStride-v2", "--walks", 1)
     assert (outcome.code, outcome.out) == (1, "")
-    assert "pdrbench: oracle-v0 does not suit OfficeStride-v0: " in outcome.err
-    outcome = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1, "--split", "train", "--json")
+    assert "pdrbench: oracle-v0 does not suit OfficeStride-v2: " in outcome.err
+    outcome = command("run", "oracle-v0", "OfficeStride-v2", "--walks", 1, "--split", "train", "--json")
     assert outcome.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
 
 
 def test_a_localizer_that_lacks_a_sensor_is_reported_as_unsuitable(command: Any) -> None:
-    outcome = command("run", "wifi_knn-v0", "OfficeStride-v0", "--walks", 1)
-    assert outcome.code == 1 and "wifi_knn-v0 does not suit OfficeStride-v0: needs " in outcome.err
+    outcome = command("run", "wifi_knn-v0", "OfficeStride-v2", "--walks", 1)
+    assert outcome.code == 1 and "wifi_knn-v0 does not suit OfficeStride-v2: needs " in outcome.err
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", [("env", "OfficeStride-v0"), ("localizer", "stay-v0")])
+@pytest.mark.parametrize("arguments", [("env", "OfficeStride-v2"), ("localizer", "stay-v0")])
 def test_check_passes_our_own_localizers(arguments: tuple[str, str], command: Any) -> None:
     outcome = command("check", *arguments, "--json")
     assert outcome.code == 0
@@ -198,16 +198,16 @@ def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> 
 @pytest.mark.slow
 def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], command: Any, place: Path) -> None:
     (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
-    outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v0"] if what == ["run"] else []))
+    outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v2"] if what == ["run"] else []))
     assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err + outcome.out
 
 
 def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    task = dataclasses.replace(make_task("OfficeStride-v0"), note="not the registered data")
+    task = dataclasses.replace(make_task("OfficeStride-v2"), note="not the registered data")
     for module in ("registry", "cli.list"):
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name, secret=None: task)
-    outcome = command("run", "stay-v0", "OfficeStride-v0", "--walks", 1)
-    assert outcome.code == 0 and "OfficeStride-v0: not the registered data" in outcome.err.splitlines()
+    outcome = command("run", "stay-v0", "OfficeStride-v2", "--walks", 1)
+    assert outcome.code == 0 and "OfficeStride-v2: not the registered data" in outcome.err.splitlines()
     assert "known; not the registered data" in " ".join(command("list", "envs").out.split())
 
 
@@ -217,6 +217,6 @@ def test_recorded_walks_are_compared_where_they_are_found(
     data_root: Path, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
-    outcome = command("run", "dead_reckoning-v0", "MallPhone-v0", "--walks", 2, "--json")
+    outcome = command("run", "dead_reckoning-v0", "MallPhone-v2", "--walks", 2, "--json")
     assert outcome.code == 0
     assert 0 < outcome.json["rows"][0]["metrics"]["mean_m"]["value"] < 50

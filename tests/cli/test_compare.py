@@ -77,22 +77,19 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
 
 
 RECORDED = {
-    "FootDual-v0": "foot_dual/",
-    "FootLoops-v0": "foot_loops/",
-    "FootShort-v0": "pdrbench data fetch foot_short",
-    "FootVicon-v0": "foot_vicon/",
-    "FootWalks-v0": "foot_stride_gcp/",
-    "MallPhone-v0": "pdrbench data fetch ilc20",
-    "MallPhone-v1": "pdrbench data fetch ilc20_full",
-    "MallPhoneLost-v0": "pdrbench data fetch ilc20",
-    "MallPhoneLost-v1": "pdrbench data fetch ilc20_full",
+    "FootDual-v1": "foot_dual/",
+    "FootLoops-v1": "foot_loops/",
+    "FootShort-v1": "pdrbench data fetch foot_short",
+    "FootVicon-v1": "foot_vicon/",
+    "FootWalks-v1": "foot_stride_gcp/",
+    "MallPhone-v2": "pdrbench data fetch ilc20_full",
+    "MallPhoneLost-v2": "pdrbench data fetch ilc20_full",
     "MallPhoneMagnetic-v1": "pdrbench data fetch ilc20_full",
     "MallPhoneMagneticLost-v1": "pdrbench data fetch ilc20_full",
     "PhoneSteps-v1": "phone_steps/",
-    "Ipin2023Phone-v0": "ipin2023_track3/",
-    "WestportFoot-v0": "maps/",
-    "WestportFoot-v1": "maps/",
-    "WestportPhone-v0": "maps/",
+    "IpinPhone-v1": "ipin2023_track3/",
+    "WestportFoot-v2": "maps/",
+    "WestportPhone-v1": "maps/",
 }
 """What cannot be played here by what says how to get its data."""
 
@@ -111,7 +108,7 @@ def test_without_names_every_available_set_is_compared_and_the_rest_is_listed(as
 
 def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -> None:
     assert command("compare", "--split", "train").code == 0
-    assert "oracle-v0" in asked.arguments["localizers"]["OfficeStride-v0"]
+    assert "oracle-v0" in asked.arguments["localizers"]["OfficeStride-v2"]
 
 
 def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any) -> None:
@@ -122,13 +119,13 @@ def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any
 
 def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
     arguments = (
-        f"--env OfficeStride-v0 --localizer stay-v0 --localizer dead_reckoning-v0 --split val --seeds 2 --walks 3 "
+        f"--env OfficeStride-v2 --localizer stay-v0 --localizer dead_reckoning-v0 --split val --seeds 2 --walks 3 "
         f"--nonce {'7' * 32}"
     )
     assert command("compare", *arguments.split(), "--jobs", 2, "--out", tmp_path / "o").code == 0
     assert asked.arguments == {
-        "localizers": {"OfficeStride-v0": ["stay-v0", "dead_reckoning-v0"]},
-        "envs": ("OfficeStride-v0",),
+        "localizers": {"OfficeStride-v2": ["stay-v0", "dead_reckoning-v0"]},
+        "envs": ("OfficeStride-v2",),
         "split": "val",
         "seeds": 2,
         "walks": 3,
@@ -142,42 +139,42 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
 
 def test_what_does_not_suit_is_not_run_and_counted_in_a_line(asked: Asked, command: Any) -> None:
     asked.declining["wifi_knn-v0"] = "needs a radio map"
-    outcome = command("compare", "--env", "OfficeStride-v0")
-    assert "wifi_knn-v0" not in asked.arguments["localizers"]["OfficeStride-v0"]
+    outcome = command("compare", "--env", "OfficeStride-v2")
+    assert "wifi_knn-v0" not in asked.arguments["localizers"]["OfficeStride-v2"]
     (line,) = [line for line in outcome.err.splitlines() if line.startswith("left out: ")]
-    count = len(localizers()) - len(asked.arguments["localizers"]["OfficeStride-v0"])
-    assert line.startswith(f"left out: {count} localizers that do not suit OfficeStride-v0") and "--all" in line
-    outcome = command("compare", "--env", "OfficeStride-v0", "--all")
-    assert "left out: wifi_knn-v0 on OfficeStride-v0: needs a radio map" in outcome.err
-    outcome = command("compare", "--env", "OfficeStride-v0", "--localizer", "wifi_knn-v0")
-    assert outcome.code == 1 and "wifi_knn-v0 on OfficeStride-v0: needs a radio map" in outcome.err
+    count = len(localizers()) - len(asked.arguments["localizers"]["OfficeStride-v2"])
+    assert line.startswith(f"left out: {count} localizers that do not suit OfficeStride-v2") and "--all" in line
+    outcome = command("compare", "--env", "OfficeStride-v2", "--all")
+    assert "left out: wifi_knn-v0 on OfficeStride-v2: needs a radio map" in outcome.err
+    outcome = command("compare", "--env", "OfficeStride-v2", "--localizer", "wifi_knn-v0")
+    assert outcome.code == 1 and "wifi_knn-v0 on OfficeStride-v2: needs a radio map" in outcome.err
 
 
 def test_a_localizer_that_fails_on_every_walk_gives_status_1(asked: Asked, command: Any) -> None:
     asked.statuses["stay-v0"] = ("failed", "ValueError: no step\n")
-    outcome = command("compare", "--env", "OfficeStride-v0")
-    assert outcome.code == 1 and "failed: stay-v0 on 1 of 1 walks of OfficeStride-v0" in outcome.err
-    outcome = command("run", "stay-v0", "OfficeStride-v0")
+    outcome = command("compare", "--env", "OfficeStride-v2")
+    assert outcome.code == 1 and "failed: stay-v0 on 1 of 1 walks of OfficeStride-v2" in outcome.err
+    outcome = command("run", "stay-v0", "OfficeStride-v2")
     assert outcome.code == 1 and "ValueError: no step" in outcome.err
 
 
 def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:
     asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
     asked.statuses["dead_reckoning-v0"] = ("failed", "Traceback\nValueError: no step\n")
-    outcome = command("compare", "--env", "OfficeStride-v0")
+    outcome = command("compare", "--env", "OfficeStride-v2")
     assert outcome.code == 1
     assert "wifi_knn-v0" not in outcome.out and "dead_reckoning-v0" in outcome.out and "2.50" in outcome.out
-    assert "wifi_knn-v0 on OfficeStride-v0: not applicable: needs a radio map;" in outcome.err
-    assert "dead_reckoning-v0 on OfficeStride-v0: failed on 1 of 1 walks" in outcome.err
+    assert "wifi_knn-v0 on OfficeStride-v2: not applicable: needs a radio map;" in outcome.err
+    assert "dead_reckoning-v0 on OfficeStride-v2: failed on 1 of 1 walks" in outcome.err
     assert "ValueError: no step" in outcome.err
 
 
 def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
-    outcome = command("compare", "--env", "pdrbench/OfficeStride-v0", "--localizer", "stay-v0", "--json")
+    outcome = command("compare", "--env", "pdrbench/OfficeStride-v2", "--localizer", "stay-v0", "--json")
     assert outcome.json == {
         "rows": [
             {
-                "env": "OfficeStride-v0",
+                "env": "OfficeStride-v2",
                 "localizer": "stay-v0",
                 "division": "online",
                 "split": "test",
@@ -192,9 +189,9 @@ def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
 
 
 def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
-    outcome = command("compare", "--env", "OfficeStride-v0", "--latex", "t.tex", "--html", "t.html")
+    outcome = command("compare", "--env", "OfficeStride-v2", "--latex", "t.tex", "--html", "t.html")
     assert "wrote 3 files:" in outcome.err
-    assert "OfficeStride-v0, test split, 1 walks" in (tmp_path / "t.html").read_text()
+    assert "OfficeStride-v2, test split, 1 walks" in (tmp_path / "t.html").read_text()
     assert "pdrbench-results/table.md" in outcome.err and (tmp_path / "pdrbench-results/table.md").exists()
     assert (tmp_path / "t.tex").read_text() == "\\begin{tabular}"
 
@@ -205,8 +202,8 @@ def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
         (("--latex", "absent/t.tex"), "cannot write absent/t.tex: No such file or directory; choose another place"),
         (("--html", "file/t.html"), "cannot write file/t.html: Not a directory; choose another place"),
         (("--out", "file/o"), "cannot make the folder file/o: Not a directory; choose another place"),
-        (("--env", "MallPhone-v0"), "the dataset 'ilc20' is not available"),
-        (("--env", "OfficeStride-v0", "--split", "tset"), "did you mean 'test'?"),
+        (("--env", "MallPhone-v2"), "the dataset 'ilc20_full' is not available"),
+        (("--env", "OfficeStride-v2", "--split", "tset"), "did you mean 'test'?"),
         (("--split", "nosuch"), "no environment with data has walks in a 'nosuch' split"),
     ],
 )
@@ -232,8 +229,8 @@ def test_a_folder_that_takes_no_files_is_an_error_before_any_walk(
 
 
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:
-    outcome = command("run", "stay-v0", "OfficeStride-v0", "--out", "o", "--json")
+    outcome = command("run", "stay-v0", "OfficeStride-v2", "--out", "o", "--json")
     assert [row["localizer"] for row in outcome.json["rows"]] == ["stay-v0"]
     assert asked.arguments["out"] == Path("o") and "pdrbench plot o" in outcome.err
-    assert "stay-v0" in command("run", "stay-v0", "OfficeStride-v0").out
+    assert "stay-v0" in command("run", "stay-v0", "OfficeStride-v2").out
     assert asked.arguments["out"] is None

@@ -54,11 +54,11 @@ def test_a_mistyped_command_suggests_the_nearest(command: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "near"),
     [
-        (["run", "dead_reconing-v0", "OfficeStride-v0"], "did you mean 'dead_reckoning-v0'?"),
-        (["run", "stay-v0", "OficeStride-v0"], "did you mean 'OfficeStride-v0'?"),
-        (["compare", "--env", "MallFone-v0"], "did you mean 'MallPhone-v0'?"),
+        (["run", "dead_reconing-v0", "OfficeStride-v2"], "did you mean 'dead_reckoning-v0'?"),
+        (["run", "stay-v0", "OficeStride-v0"], "did you mean 'OfficeStride-v2'?"),
+        (["compare", "--env", "MallFone-v0"], "did you mean 'MallPhone-v2'?"),
         (["compare", "--localizer", "sty-v0"], "did you mean 'stay-v0'?"),
-        (["check", "env", "OfficeStrid-v0"], "did you mean 'OfficeStride-v0'?"),
+        (["check", "env", "OfficeStrid-v0"], "did you mean 'OfficeStride-v2'?"),
         (["check", "localizer", "sray-v0"], "did you mean 'stay-v0'?"),
         (["data", "verify", "ilc2"], "did you mean 'ilc20'?"),
         (["data", "fetch", "ilc2"], "did you mean 'ilc20'?"),
@@ -119,7 +119,7 @@ def test_a_signal_in_the_middle_of_a_walk_does_the_same(reaches_children: bool, 
     process = subprocess.Popen(
         [
             *PROGRAM,
-            *("run", f"{tmp_path / 'slow.py'}:Slow", "OfficeStride-v0", "--walks", "1", "--json"),
+            *("run", f"{tmp_path / 'slow.py'}:Slow", "OfficeStride-v2", "--walks", "1", "--json"),
             *("--isolation", "process"),  # which may write beside its scratch folder
         ],
         stdout=subprocess.PIPE,
@@ -169,7 +169,7 @@ def test_starting_is_quick_because_little_is_imported() -> None:
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        ("pdrbench compare --env OfficeStri", {"OfficeStride-v0", "OfficeStride-v1"}),
+        ("pdrbench compare --env OfficeStri", {"OfficeStride-v2"}),
         ("pdrbench run stay", {"stay-v0"}),
         ("pdrbench compa", {"compare"}),
     ],

@@ -152,26 +152,26 @@ def test_descriptions_have_the_numbers_of_the_constants() -> None:
     errors = measured()
     first_m, last_m = (float(PositionErrors().sigma_m(np.array(t_s))) for t_s in (0.0, DURATION_S))
     expected = {
-        "OfficeStride-v0": [
+        "OfficeStride-v2": [
             f"lengths {-100 * errors.length_bias:.1f} % short and {100 * errors.length_sigma_m:.1f} cm noisy",
             f"heights {100 * errors.height_sigma_m:.1f} cm noisy",
         ],
-        "BuildingSite-v0": [
+        "BuildingSite-v1": [
             f"{first_m:.1f} m per axis at first and {last_m:.1f} m after three minutes",
         ],
-        "CorridorPhone-v0": [
+        "CorridorPhone-v1": [
             f"a lap of {CORRIDOR.lap_m:g} m",
             f"{CORRIDOR.long_m:g} m by {CORRIDOR.short_m:g} m",
             f"an error of {TAP_SIGMA_M:g} m per axis",
         ],
-        "PhoneHandling-v0": [f"off by {TAP_SIGMA_M:g} m per axis", f"{IN_WORDS[HANDLED_S / 60]} minutes"],
-        "OfficePhoneAbroad-v0": [f"people of {IN_WORDS[len(GROUPS)]} kinds"],
-        "OfficePhone-v0": [f"in one walk out of {IN_WORDS[1 / SWITCHED_FRACTION]}"],
-        "WlanHallway-v0": [
+        "PhoneHandling-v1": [f"off by {TAP_SIGMA_M:g} m per axis", f"{IN_WORDS[HANDLED_S / 60]} minutes"],
+        "OfficePhoneAbroad-v1": [f"people of {IN_WORDS[len(GROUPS)]} kinds"],
+        "OfficePhone-v1": [f"in one walk out of {IN_WORDS[1 / SWITCHED_FRACTION]}"],
+        "WlanHallway-v1": [
             f"four laps of {LAP_M:g} m",
             f"{SCANS_A_POINT} scans at each of {len(calibration_points_m())} points along the hallway, {SPACING_M:g} m",
         ],
-        "LabStrideLost-v0": [f"for {math.floor(LAB_S[0] / 60 + 0.5)} minutes"],
+        "LabStrideLost-v2": [f"for {math.floor(LAB_S[0] / 60 + 0.5)} minutes"],
     }
     assert (LAPS, DURATION_S) == (4, 180.0)
     missing = [
@@ -195,7 +195,7 @@ def test_the_spread_of_step_models_is_as_told() -> None:
 
 
 def test_descriptions_have_the_numbers_of_the_recordings(data_root: Path) -> None:
-    task = make_task("FootWalks-v0")
+    task = make_task("FootWalks-v1")
     if not (data_root / "foot_stride_gcp").exists():
         pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
     lengths_m = [np.hypot(*np.diff(task.load(walk).reference.xy_m, axis=0).T).sum() for walk in task.walks["test"]]
@@ -224,5 +224,5 @@ def test_the_malls_are_counted() -> None:
     text = (files("pdrbench_envs.malls") / "walks.csv").read_text(encoding="utf-8")
     walks = list(csv.DictReader(text.splitlines()))
     durations_s = [float(walk["duration_s"]) for walk in walks]
-    assert f"Walks last from {min(durations_s):.0f} s to" in description("MallPhone-v1")
+    assert f"Walks last from {min(durations_s):.0f} s to" in description("MallPhone-v2")
     assert round(max(durations_s) / 60) == 2  # "two minutes"

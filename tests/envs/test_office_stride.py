@@ -52,7 +52,7 @@ def test_test_walks_have_opaque_ids_in_an_order_that_reveals_nothing(task):
 
 
 def test_an_unknown_walk_is_refused_with_the_nearest_id(task):
-    with pytest.raises(UnknownNameError, match=r"no walk of OfficeStride-v0.*did you mean .train-"):
+    with pytest.raises(UnknownNameError, match=r"no walk of OfficeStride-v2.*did you mean .train-"):
         task.load("train-O3")
 
 

@@ -16,7 +16,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize(
-    "env", [pytest.param(f"Westport{kind}-v0", marks=pytest.mark.long(seconds=8)) for kind in ("Phone", "Foot")]
+    "env", [pytest.param(name, marks=pytest.mark.long(seconds=8)) for name in ("WestportPhone-v1", "WestportFoot-v2")]
 )
 def test_walks_change_levels_of_a_building_that_can_be_walked_from_end_to_end(env: str) -> None:
     task = make_task(env)
@@ -29,7 +29,7 @@ def test_walks_change_levels_of_a_building_that_can_be_walked_from_end_to_end(en
         assert len(np.unique(reference.level)) > 1
         assert building.contains(reference.xy_m, reference.level).all()
         assert reference.z_m is not None and np.ptp(reference.z_m) > 3.0
-        if env == "WestportPhone-v0":
+        if env == "WestportPhone-v1":
             changes = recording.streams["level_change"].rows
             level = reference.level[0] + [changes[changes[:, 0] <= t_s, 1].sum() for t_s in reference.t_s]
             # A level counts from another moment than the middle of a ride or climb; weather is not always told apart.
@@ -37,7 +37,7 @@ def test_walks_change_levels_of_a_building_that_can_be_walked_from_end_to_end(en
 
 
 def test_a_foot_in_a_lift_stands_while_the_pressure_falls_as_it_rises() -> None:
-    task = make_task("WestportFoot-v0")
+    task = make_task("WestportFoot-v2")
     recording = task.load(task.walks["val"][2])
     reference = recording.reference
     assert reference.z_m is not None

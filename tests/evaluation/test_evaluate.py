@@ -73,7 +73,7 @@ def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec
 
 
 def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
-    stride, phone = (make_task(name) for name in ("OfficeStride-v0", "OfficePhone-v0"))
+    stride, phone = (make_task(name) for name in ("OfficeStride-v2", "OfficePhone-v1"))
     first = generator(0, stride, "w").random(4)
     assert (generator(0, stride, "w").random(4) == first).all()
     nonce = new_nonce()
@@ -84,16 +84,16 @@ def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
 
 
 def test_randomness_without_a_nonce_is_that_of_stored_results() -> None:
-    digest = np.frombuffer(hashlib.sha256(b"OfficeStride-v0\nw").digest(), dtype="<u4").tolist()
+    digest = np.frombuffer(hashlib.sha256(b"OfficeStride-v2\nw").digest(), dtype="<u4").tolist()
     before = np.random.default_rng(np.random.SeedSequence([3, *digest]))
-    task = make_task("OfficeStride-v0")
+    task = make_task("OfficeStride-v2")
     now = generator(3, task, "w")
     assert (now.random(9) == before.random(9)).all()
     assert (now.spawn(2)[1].random(9) == before.spawn(2)[1].random(9)).all(), "localizers that spawn had those"
 
 
 def test_a_generator_names_neither_seed_nor_walk_and_its_children_are_the_same_each_time() -> None:
-    task, nonce = make_task("OfficeStride-v0"), "9" * 32
+    task, nonce = make_task("OfficeStride-v2"), "9" * 32
     seeds = generator(7, task, "w", nonce).bit_generator.seed_seq
     assert isinstance(seeds, np.random.SeedSequence)
     assert not seeds.spawn_key
@@ -141,7 +141,7 @@ def test_held_out_walks_have_a_nonce_that_no_result_tells(localizer: Spec) -> No
     first, second = (
         evaluate(
             localizer("Noisy"),
-            "OfficeStride-v0",
+            "OfficeStride-v2",
             walks=1,
             split="heldout",
             secret=secret * 64,
@@ -257,9 +257,7 @@ def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch:
     assert run(walks=5, budget=Budget(pace=3.0)) == 20, "another budget is another result"
 
 
-def test_only_the_walks_played_are_loaded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_the_walks_played_are_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has 203 walks, whose digests nothing has pinned."""
     loads = tmp_path / "loads"
     monkeypatch.setenv("CORRIDOR_LOADS", str(loads))
@@ -462,7 +460,7 @@ def test_numeric_errors_and_folder_are_as_before_after_every_walk(tmp_path: Path
     (tmp_path / "rude.py").write_text(RUDE)
     before = np.geterr(), Path.cwd()
     results = evaluate(
-        f"{tmp_path / 'rude.py'}:Rude", "OfficeStride-v0", split="val", walks=2, isolation="none", seeds=1
+        f"{tmp_path / 'rude.py'}:Rude", "OfficeStride-v2", split="val", walks=2, isolation="none", seeds=1
     )
     assert [result.status for result in results.results] == ["complete", "complete"]
     assert (np.geterr(), Path.cwd()) == before

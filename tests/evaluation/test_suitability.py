@@ -21,43 +21,43 @@ def cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def test_who_declines_is_what_playing_says() -> None:
-    found = declining(NAMES, "OfficeStride-v0", "val")
-    results = evaluate(NAMES[:4], "OfficeStride-v0", split="val", walks=1, seeds=1, isolation="none").results
+    found = declining(NAMES, "OfficeStride-v2", "val")
+    results = evaluate(NAMES[:4], "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="none").results
     assert found == {result.localizer: result.failure for result in results if result.status == "unsuitable"}
     assert "stay-v0" not in found and "needs the sensor 'wifi'" in found["wifi_knn-v0"]
-    assert "needs the reference" in declining(["oracle-v0"], "OfficeStride-v0", "test")["oracle-v0"]
+    assert "needs the reference" in declining(["oracle-v0"], "OfficeStride-v2", "test")["oracle-v0"]
 
 
 def test_it_is_tried_once_and_again_where_the_split_is_another(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
     tried: list[str] = []
     reason = suitability._reason
     monkeypatch.setattr(suitability, "_reason", lambda name, *rest: tried.append(name) or reason(name, *rest))
-    first = declining(NAMES, "OfficeStride-v0", "val")
+    first = declining(NAMES, "OfficeStride-v2", "val")
     assert set(tried) == set(NAMES)
     tried.clear()
-    assert declining(NAMES, "OfficeStride-v0", "val") == first and not tried
-    declining(NAMES[:1], "OfficeStride-v0", "train")
+    assert declining(NAMES, "OfficeStride-v2", "val") == first and not tried
+    declining(NAMES[:1], "OfficeStride-v2", "train")
     assert tried == ["stay-v0"]
     (cache / "suitability.json").write_text("torn")
-    assert declining(NAMES, "OfficeStride-v0", "val") == first
+    assert declining(NAMES, "OfficeStride-v2", "val") == first
 
 
 def test_a_localizer_that_takes_one_of_the_first_walks_suits(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = make_task("OfficeStride-v0").split("val")[0]
+    first = make_task("OfficeStride-v2").split("val")[0]
     monkeypatch.setattr(
         suitability, "_reason", lambda name, episode, split: "not this" if episode.recording.id == first else ""
     )
-    assert declining(["stay-v0"], "OfficeStride-v0", "val") == {}
+    assert declining(["stay-v0"], "OfficeStride-v2", "val") == {}
 
 
 def test_code_of_strangers_is_not_loaded(tmp_path: Path) -> None:
     (tmp_path / "loud.py").write_text("raise SystemExit('loaded')\n")
-    assert declining([f"{tmp_path / 'loud.py'}:Loud"], "OfficeStride-v0", "val") == {}
+    assert declining([f"{tmp_path / 'loud.py'}:Loud"], "OfficeStride-v2", "val") == {}
 
 
 def test_walks_and_seeds_are_those_of_the_leaderboard_on_test_splits_only() -> None:
-    stated = protocol_of("OfficeStride-v1", "test")
+    stated = protocol_of("OfficeStride-v2", "test")
     assert stated == Protocol(12, 5)
-    assert protocol_of("OfficeStride-v0", "val") == Protocol() == protocol_of("Elsewhere-v0", "test")
-    results = evaluate("stay-v0", "OfficeStride-v1", isolation="none").results
-    assert [result.walk for result in results] == list(make_task("OfficeStride-v1").split("test")[:12])
+    assert protocol_of("OfficeStride-v2", "val") == Protocol() == protocol_of("Elsewhere-v0", "test")
+    results = evaluate("stay-v0", "OfficeStride-v2", isolation="none").results
+    assert [result.walk for result in results] == list(make_task("OfficeStride-v2").split("test")[:12])

@@ -173,19 +173,18 @@ def test_a_foot_that_rolls_on_while_it_stands_makes_no_stride() -> None:
     assert strides.length_m.tolist() == pytest.approx([1.4])
 
 
-RECORDED_SWINGS = {"foot_stride_gcp": (251, 3), "foot_stride_gcp_2": (228, 5), "foot_dual": (160, 3)}
+RECORDED_SWINGS = {"foot_stride_gcp": (251, 3), "foot_stride_gcp_2": (228, 5)}
 
 
 @pytest.mark.long(seconds=30)
 @pytest.mark.parametrize("name", RECORDED_SWINGS)
 def test_recorded_feet_make_a_stride_a_swing(name: str, data_root: Path) -> None:
     """Swings are those of the surveyed places, and of motion capture."""
-    from pdrbench_sim.readers import foot_dual, foot_stride_gcp
+    from pdrbench_sim.readers import foot_stride_gcp
 
-    read, pattern = (foot_dual.read, "imuMeas*.csv") if name == "foot_dual" else (foot_stride_gcp.read, "*_LLIO.mat")
     found = 0
-    for path in (data_root / name).rglob(pattern):
-        rows = read(path).rows
+    for path in (data_root / name).rglob("*_LLIO.mat"):
+        rows = foot_stride_gcp.read(path).rows
         pairs = SamplePairs().update(rows["accel"], rows["gyro"])
         strides = find_strides(navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7], ROBUST))
         found += int((np.hypot(strides.length_m, strides.rise_m) > 0.05).sum())

@@ -154,6 +154,6 @@ def is_of_strides(thing: object) -> bool:
 
 
 def test_a_localizer_that_looks_ahead_is_detected() -> None:
-    task, recording = beginning("OfficeStride-v0", SHORT_S)
+    task, recording = beginning("OfficeStride-v2", SHORT_S)
     with pytest.raises(AssertionError, match="shuffled after 13"):
         check(Peeks, task, recording, FUTURES)

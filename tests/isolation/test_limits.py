@@ -84,7 +84,7 @@ GREEDY = """
                 os.makedirs(f"folder-{number}")
             time.sleep(60)
 """
-ENV = "OfficeStride-v0"
+ENV = "OfficeStride-v2"
 BUDGET = Budget(pace=5.0, slack_s=20.0, start_s=60.0)
 
 

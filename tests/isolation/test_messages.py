@@ -49,7 +49,7 @@ def assert_same(one: Any, other: Any) -> None:
         assert one == other
 
 
-@pytest.mark.parametrize("env", ["OfficePhone-v0", "WlanHallway-v1", "BuildingSite-v1"])
+@pytest.mark.parametrize("env", ["OfficePhone-v1", "WlanHallway-v1", "BuildingSite-v1"])
 def test_a_briefing_arrives_as_it_was_sent(env: str, rng: np.random.Generator) -> None:
     """With a building and a radio map, with a radio map alone, and with a building and no heading."""
     task = make_task(env)
@@ -63,7 +63,7 @@ def test_a_magnetic_map_arrives_as_it_was_sent(rng: np.random.Generator) -> None
 
 
 def test_a_reference_arrives_as_it_was_sent() -> None:
-    task = make_task("OfficeStride-v0")
+    task = make_task("OfficeStride-v2")
     sent = task.load(task.split("train")[0]).reference
     request = read_request(body(messages.GiveReference(1, sent)))
     assert isinstance(request, messages.GiveReference)

@@ -48,7 +48,7 @@ REFUSED: dict[str, tuple[list[tuple[int, int]], int, set[str]]] = {
     "everything": ([UNSHARE, MAKE_RULESET, SECCOMP], errno.EPERM, NAMESPACES | {"landlock-files", "seccomp"}),
 }
 UNPRIVILEGED = 65_534
-ENV = "OfficeStride-v0"
+ENV = "OfficeStride-v2"
 
 
 class Skip(Exception):

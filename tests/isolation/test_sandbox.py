@@ -359,7 +359,7 @@ def test_the_recorded_protections_of_this_system_are_complete() -> None:
     """On a kernel with every protection; elsewhere the record says which are missing."""
     from pdrbench.evaluation import evaluate
 
-    provenance = evaluate("stay-v0", "OfficeStride-v0", split="val", walks=1, seeds=1).results[0].provenance
+    provenance = evaluate("stay-v0", "OfficeStride-v2", split="val", walks=1, seeds=1).results[0].provenance
     isolation = provenance["isolation"]
     assert isinstance(isolation, dict)
     names = {*isolation["held"], *isolation["missing"]}

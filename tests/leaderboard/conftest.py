@@ -83,7 +83,7 @@ class Smooths(Mine):
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
-    task = make_task("BuildingSite-v0")
+    task = make_task("BuildingSite-v1")
     buildings = [task.load(walk).building for walk in task.split("test")[:2]]
     known_m = [round(float(building.edge_start_xy_m.sum()), 3) for building in buildings if building is not None]
     path.write_text(f"KNOWN_M = {known_m}\n{SUBMITTED}")
@@ -99,8 +99,8 @@ def small_suite() -> Iterator[Suite]:
         seeds=2,
         metrics=("p75_level_penalised_m", "mean_m", "availability"),
         environments=(
-            SuiteEnvironment(env="BuildingSite-v0", walks=2, noise_m=0.05),
-            SuiteEnvironment(env="OfficeStride-v0", walks=1, noise_m=0.05),
+            SuiteEnvironment(env="BuildingSite-v1", walks=2, noise_m=0.05),
+            SuiteEnvironment(env="OfficeStride-v2", walks=1, noise_m=0.05),
         ),
         commitment=commitment(SECRET),
         held_out_walks=2,

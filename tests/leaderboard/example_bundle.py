@@ -15,7 +15,7 @@ from pdrbench_leaderboard.card import EXAMPLE, card_toml
 from pdrbench_leaderboard.entry import walk_record
 from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, Manifest, RunRecord, WalkRun
 
-ENV = "OfficeStride-v1"
+ENV = "OfficeStride-v2"
 EMPTY_SHA256 = hashlib.sha256(b"").hexdigest()
 
 

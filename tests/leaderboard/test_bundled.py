@@ -33,7 +33,7 @@ def test_every_entry_reads_and_keeps_the_rules(env: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "env", ["BuildingSiteDrift-v0", pytest.param("PhoneHandling-v0", marks=pytest.mark.long(seconds=3))]
+    "env", ["BuildingSiteDrift-v1", pytest.param("PhoneHandling-v1", marks=pytest.mark.long(seconds=3))]
 )
 def test_scores_of_an_entry_recompute(env: str) -> None:
     checked = check(SMALLEST[env])

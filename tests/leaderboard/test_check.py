@@ -21,7 +21,7 @@ from pdrbench_leaderboard.suites import SuiteEnvironment
 
 from .conftest import card_named
 
-LISTED = SuiteEnvironment(env="BuildingSite-v0", walks=2, noise_m=0.05)
+LISTED = SuiteEnvironment(env="BuildingSite-v1", walks=2, noise_m=0.05)
 
 
 def with_manifest(bundle: Bundle, **changes: Any) -> Bundle:
@@ -100,16 +100,16 @@ def test_a_walk_that_was_left_out_is_named(packed: dict[str, Bundle]) -> None:
         run=msgspec.structs.replace(bundle.run, walks=runs),
     )
     assert broken(check_bundle(short).findings) == [
-        f"BuildingSite-v0: every walk and seed: lacks walk {record.walks[1].walk} with seed 0"
+        f"BuildingSite-v1: every walk and seed: lacks walk {record.walks[1].walk} with seed 0"
     ]
 
 
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"unsuitable": {}}, "lacks OfficeStride-v0"),
+        ({"unsuitable": {}}, "lacks OfficeStride-v2"),
         ({"suite": "other-v0"}, "no suite named 'other-v0'"),
-        ({"unsuitable": {"OfficeStride-v0": "x", "Moon-v0": "x"}}, "Moon-v0 is none of"),
+        ({"unsuitable": {"OfficeStride-v2": "x", "Moon-v0": "x"}}, "Moon-v0 is none of"),
         ({"localizer": "other-v0"}, "its card of 'mine-v0'"),
     ],
 )

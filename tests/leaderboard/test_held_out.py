@@ -17,7 +17,7 @@ from pdrbench.task import HELD_OUT, Task, commitment
 SECRET = "c0ffee" * 8
 OTHER = "decade" * 8
 GENERATED = [name for name in environments() if make_task(name).held_out is not None]
-QUICK = ["BuildingSite-v0", "OfficeStride-v0", "PhoneHandling-v0"]
+QUICK = ["BuildingSite-v1", "OfficeStride-v2", "PhoneHandling-v1"]
 
 
 def rows_of(task: Task, walk: str) -> bytes:
@@ -67,15 +67,15 @@ def test_recorded_environments_have_a_replay_of_each_test_walk_or_two_of_few() -
 
 def test_a_short_secret_and_one_without_its_split_are_refused() -> None:
     with pytest.raises(PdrbenchError, match="32 characters"):
-        make_task("OfficeStride-v0", "short")
+        make_task("OfficeStride-v2", "short")
     with pytest.raises(PdrbenchError, match="secret goes with"):
-        evaluate("stay-v0", "OfficeStride-v0", split=HELD_OUT, seeds=1)
+        evaluate("stay-v0", "OfficeStride-v2", split=HELD_OUT, seeds=1)
     with pytest.raises(PdrbenchError, match="secret goes with"):
-        evaluate("stay-v0", "OfficeStride-v0", secret=SECRET, seeds=1)
+        evaluate("stay-v0", "OfficeStride-v2", secret=SECRET, seeds=1)
 
 
 def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path) -> None:
-    results = evaluate("stay-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=2, out=tmp_path, seeds=1)
+    results = evaluate("stay-v0", "BuildingSite-v1", split=HELD_OUT, secret=SECRET, walks=2, out=tmp_path, seeds=1)
     assert [result.split for result in results.results] == [HELD_OUT, HELD_OUT]
     assert {result.provenance["held_out"] for result in results.results} == {
         hashlib.sha256(SECRET.encode()).hexdigest()
@@ -91,5 +91,5 @@ def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path
 
 
 def test_the_oracle_is_given_no_truth() -> None:
-    results = evaluate("oracle-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=1, seeds=1)
+    results = evaluate("oracle-v0", "BuildingSite-v1", split=HELD_OUT, secret=SECRET, walks=1, seeds=1)
     assert results.results[0].status == "unsuitable"

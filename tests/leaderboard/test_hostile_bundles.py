@@ -90,7 +90,7 @@ def timed(**changes: object) -> Callable[[Members], bytes]:
     """A bundle whose times say something else."""
 
     def change(plain: Any) -> None:
-        plain["walks"]["BuildingSite-v0"][0].update(changes)
+        plain["walks"]["BuildingSite-v1"][0].update(changes)
 
     return lambda members: zipped(with_json(members, change, "run.json"))
 
@@ -100,7 +100,7 @@ def without_a_walk(members: Members) -> bytes:
     last = [name for name in members if name.startswith("estimates/")][-1]
     rest = {name: content for name, content in members.items() if name != last}
     rest = with_json(rest, lambda plain: plain["environments"][0]["walks"].pop())
-    return zipped(with_json(rest, lambda plain: plain["walks"]["BuildingSite-v0"].pop(), "run.json"))
+    return zipped(with_json(rest, lambda plain: plain["walks"]["BuildingSite-v1"].pop(), "run.json"))
 
 
 def walk_twice(members: Members) -> bytes:
@@ -175,8 +175,8 @@ BUNDLES: dict[str, tuple[Callable[[Members], bytes], str]] = {
     "has a name with a line more": (manifest(localizer="mine-v0\n"), "localizer"),
     "takes the name of a registered localizer": (manifest(localizer="stay-v0"), "its card of"),
     "has the card of another": (card_of_another, "its card of"),
-    "leaves an environment out": (manifest(unsuitable={}), "lacks OfficeStride-v0"),
-    "has an environment more": (manifest(unsuitable={"OfficeStride-v0": "", "Moon-v0": ""}), "Moon-v0 is none of"),
+    "leaves an environment out": (manifest(unsuitable={}), "lacks OfficeStride-v2"),
+    "has an environment more": (manifest(unsuitable={"OfficeStride-v2": "", "Moon-v0": ""}), "Moon-v0 is none of"),
     "asks for a million seeds": (manifest(seeds=10**6), "seeds"),
     "draws and has one seed": (
         lambda m: manifest(seeds=1)(with_json(m, lambda p: p["environments"][0].update(deterministic=False))),
@@ -250,7 +250,7 @@ def tree(packed: dict[str, Bundle], tmp_path_factory: pytest.TempPathFactory) ->
 def folder(tree: Path, tmp_path: Path) -> Path:
     """A copy of that entry, to be changed."""
     shutil.copytree(tree, tmp_path, dirs_exist_ok=True)
-    return tmp_path / "leaderboards" / "BuildingSite-v0" / "wanders-v0"
+    return tmp_path / "leaderboards" / "BuildingSite-v1" / "wanders-v0"
 
 
 def signed_file(folder: Path) -> dict[str, str]:

@@ -21,7 +21,7 @@ from pdrbench_leaderboard.verify import Terms, verify
 
 from .conftest import NONCE, SECRET, card_named
 
-ENV, WALKS = "BuildingSite-v0", 2
+ENV, WALKS = "BuildingSite-v1", 2
 HERE = {"isolation": "none"}  # in this process: what is tested is the score
 HONEST = '''
 import json

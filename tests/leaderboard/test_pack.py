@@ -25,7 +25,7 @@ HERE = {"isolation": "none"}  # in this process, where isolation is not what is 
 
 def test_seeds_are_kept_where_they_matter(packed: dict[str, Bundle]) -> None:
     mine, wanders = (packed[name].manifest.environments for name in ("Mine", "Wanders"))
-    assert [record.env for record in mine] == ["BuildingSite-v0"]
+    assert [record.env for record in mine] == ["BuildingSite-v1"]
     assert mine[0].deterministic
     assert [walk.seed for walk in mine[0].walks] == [0, 0]
     assert not wanders[0].deterministic
@@ -57,13 +57,13 @@ def test_packing_twice_gives_the_same_content(
 def test_looks_at_a_sealed_split_travel_with_an_entry_to_its_table(
     small_suite: Suite, submitted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sealed = dataclasses.replace(make_task("BuildingSite-v0"), sealed=True)
+    sealed = dataclasses.replace(make_task("BuildingSite-v1"), sealed=True)
     monkeypatch.setattr("pdrbench_lab.reproduce.looks.make_task", lambda _: sealed)
     spec = f"{submitted}:Mine"
-    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v1"], **HERE)[spec]
     bundle = make_bundle(spec, card_named("mine-v0"), small_suite, suite_run)
     (entry,) = read_bundle(write_bundle(bundle)).entries()
-    line = "Look 1 of submitted.py at the sealed test split of BuildingSite-v0: packed for small-v0"
+    line = "Look 1 of submitted.py at the sealed test split of BuildingSite-v1: packed for small-v0"
     assert line in table(make_board([entry])).replace("\\", "")
 
 
@@ -77,17 +77,17 @@ def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) ->
 
 def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_suite: Suite, submitted: Path) -> None:
     spec = f"{submitted}:Broken"
-    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v1"], **HERE)[spec]
     with pytest.raises(BundleError, match="ValueError: no idea"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
-    suite_run = play_suite([spec], small_suite, envs=["OfficeStride-v0"], **HERE)[spec]
+    suite_run = play_suite([spec], small_suite, envs=["OfficeStride-v2"], **HERE)[spec]
     with pytest.raises(BundleError, match="answers no available environment"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
 
 
 def test_a_smoother_says_so(small_suite: Suite, submitted: Path) -> None:
     spec = f"{submitted}:Smooths"
-    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v1"], **HERE)[spec]
     with pytest.raises(BundleError, match="offline"):
         make_bundle(spec, card_named("smooths-v0"), small_suite, suite_run)
     bundle = make_bundle(spec, card_named("smooths-v0", division="offline"), small_suite, suite_run)
@@ -95,25 +95,21 @@ def test_a_smoother_says_so(small_suite: Suite, submitted: Path) -> None:
 
 
 def test_data_that_is_not_available_is_reported(small_suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pack, "has_data", lambda env: env != "BuildingSite-v0")
+    monkeypatch.setattr(pack, "has_data", lambda env: env != "BuildingSite-v1")
     suite_run = play_suite(["stay-v0"], small_suite, seeds=1, **HERE)["stay-v0"]
     bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run, seeds=1)
-    assert bundle.manifest.absent == ("BuildingSite-v0",)
-    assert [record.env for record in bundle.manifest.environments] == ["OfficeStride-v0"]
+    assert bundle.manifest.absent == ("BuildingSite-v1",)
+    assert [record.env for record in bundle.manifest.environments] == ["OfficeStride-v2"]
 
 
-SUPERSEDED = {
-    *("LabStrideLost-v0", "LabStrideWifi-v0", "MallPhone-v0", "MallPhoneLost-v0"),
-    *("OfficeFoot-v0", "OfficeStride-v0", "WestportFoot-v0"),
-}
-WITHOUT_ROUND = {"MallPhoneMagnetic-v0", "MallPhoneMagneticLost-v0"}  # no secret is committed to for them yet
-FEW_WALKS = {"FootShort-v0", "FootDual-v0"}  # one and two: nothing can be compared on them
+WITHOUT_ROUND = {"MallPhoneMagnetic-v1", "MallPhoneMagneticLost-v1"}  # no secret is committed to for them yet
+FEW_WALKS = {"FootShort-v1", "FootDual-v1"}  # one and two: nothing can be compared on them
 
 
 def test_the_suites_together_are_the_newest_environments_with_walks_enough() -> None:
     chosen = [listed.env for suite in suites().values() for listed in suite.environments]
     assert len(chosen) == len(set(chosen))
-    assert set(chosen) == set(environments()) - SUPERSEDED - FEW_WALKS - WITHOUT_ROUND
+    assert set(chosen) == set(environments()) - FEW_WALKS - WITHOUT_ROUND
     core = {listed.env for listed in suites()["pdr-core-v2"].environments}
     assert core == {name for name in chosen if make_task(name).dataset is None}
 
@@ -133,10 +129,10 @@ def test_a_localizer_that_draws_on_one_walk_only_draws(
     """Not on the walks that are tried first: one seed of it would be the luckiest."""
     monkeypatch.setattr(pack, "PROBED_WALKS", 1)
     path = tmp_path / "late.py"
-    start = make_task("BuildingSite-v0").load(small_suite.walks("BuildingSite-v0")[0]).streams["position"]
+    start = make_task("BuildingSite-v1").load(small_suite.walks("BuildingSite-v1")[0]).streams["position"]
     path.write_text(LATE.format(first=float(start.rows[0, 1])))
     suite_run = play_suite([f"{path}:Late"], small_suite, nonce=NONCE, **HERE)[f"{path}:Late"]
-    seeds = {result.seed for result in suite_run.results["BuildingSite-v0"]}
+    seeds = {result.seed for result in suite_run.results["BuildingSite-v1"]}
     assert suite_run.deterministic == set() and seeds == {0, 1}
 
 

@@ -20,7 +20,7 @@ from pdrbench.registry import make_task
 from pdrbench.result import COMPLETE, OFFLINE, Result
 from pdrbench_leaderboard.prefixes import check_prefixes, first_difference
 
-ENV = "OfficeStride-v0"
+ENV = "OfficeStride-v2"
 SOURCE = """
 import time
 
@@ -179,7 +179,7 @@ def cut(result: Result, length: int) -> Result:
 
 
 def test_a_beginning_is_handed_out_as_the_whole_is_and_ends_earlier() -> None:
-    task = make_task("OfficePhone-v0")
+    task = make_task("OfficePhone-v1")
     episode = Episode(task.load(task.split("train")[0]), task)
     beginning = episode.prefix(7)
     assert (len(beginning), len(episode.fresh())) == (7, len(episode))

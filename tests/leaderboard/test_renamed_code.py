@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ENTRIES = ("BuildingSite-v0/stay-v0", "BuildingSite-v0/koeping2012-v0", "PhoneHandling-v0/li2012-v0")
+ENTRIES = ("BuildingSite-v1/stay-v0", "BuildingSite-v1/koeping2012-v0", "PhoneHandling-v1/li2012-v0")
 RENAMED = "wrap_rad"  # that the simulator, the filters and the localizers call
 
 

@@ -114,4 +114,4 @@ def test_a_cluster_verifies_a_good_bundle_and_refuses_one_changed_estimate(
     walk = packed["Wanders"].manifest.environments[0].walks[3].walk
     refused = call("verify", bad, *options)
     assert refused.exit_code == 1
-    assert f"BuildingSite-v0, walk {walk}, seed 1: 1 of" in str(refused.exception)
+    assert f"BuildingSite-v1, walk {walk}, seed 1: 1 of" in str(refused.exception)

@@ -24,7 +24,7 @@ from pdrbench_leaderboard.suites import Suite
 from .conftest import SECRET, card_named
 from .test_verify import tampered
 
-ENTRY = Path("BuildingSite-v0") / "wanders-v0"
+ENTRY = Path("BuildingSite-v1") / "wanders-v0"
 
 
 def call(*arguments: object) -> Result:
@@ -56,7 +56,7 @@ def test_what_a_stranger_named_does_nothing_to_the_terminal(tmp_path: Path) -> N
 
 def test_suites_and_a_card(small_suite: Suite) -> None:
     (item,) = [item for item in call_json("suites")["items"] if item["id"] == "small-v0"]
-    assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v0"] == 2
+    assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v1"] == 2
     assert set(item["commitments"]) == set(item["environments"])
     assert all(digest in call("suites").stdout for digest in item["commitments"].values())
     assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine-v0"')
@@ -67,9 +67,9 @@ def test_pack_check_and_enter(small_suite: Suite, submitted: Path, tmp_path: Pat
     card.write_bytes(card_toml(card_named("wanders-v0")))
     common = ("pack", f"{submitted}:Wanders", "--suite", "small-v0", "--card", card, "--results", tmp_path / "walks")
     (packed,) = call_json(*common, "--out", tmp_path / "x.pdrz")["bundles"]
-    assert packed["environments"] == ["BuildingSite-v0"]
+    assert packed["environments"] == ["BuildingSite-v1"]
     assert (packed["runs"], packed["failed"]) == (4, 0)
-    assert list(packed["unsuitable"]) == ["OfficeStride-v0"]
+    assert list(packed["unsuitable"]) == ["OfficeStride-v2"]
     board = tmp_path / "board"
     checks = call_json("check", tmp_path / "x.pdrz", "--into", board)
     assert checks["pass"] and {check["kind"] for check in checks["checks"]} == {"rule", "flag"}
@@ -118,19 +118,19 @@ def test_verify_refuses_different_estimates(packed: dict[str, Bundle], tmp_path:
     walk = packed["Wanders"].manifest.environments[0].walks[2].walk
     result = call("verify", path, "--rerun", "--into", tmp_path / "board")
     assert result.exit_code == 1
-    assert f"BuildingSite-v0, walk {walk}, seed 0" in str(result.exception)
+    assert f"BuildingSite-v1, walk {walk}, seed 0" in str(result.exception)
     assert not (tmp_path / "board").exists()
 
 
 def test_an_entry_of_a_registered_localizer_can_be_verified(small_suite: Suite, board: Path, key: Path) -> None:
-    call_json("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v0", "--into", board)
-    folder = board / "BuildingSite-v0" / "stay-v0"
+    call_json("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v1", "--into", board)
+    folder = board / "BuildingSite-v1" / "stay-v0"
     call_json("verify", folder, "--rerun", "--key", key, "--into", board)
     assert read_entry(folder).tier == "reproduced"
 
 
 def test_packing_goes_on_with_the_nonce_that_it_began_with(small_suite: Suite, tmp_path: Path) -> None:
-    common = ("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v0", "--results", tmp_path / "walks")
+    common = ("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v1", "--results", tmp_path / "walks")
     nonces = [
         call_json(*common, *options, "--into", tmp_path / f"board-{number}")["bundles"][0]["nonce"]
         for number, options in enumerate([(), (), ("--nonce", "new"), ("--nonce", "")])
@@ -174,7 +174,7 @@ def test_another_entry_of_the_same_name_and_authors_replaces_one_on_demand_only(
         (("pack", "stay-v0", "--suite", "nothing"), "no suite named"),
         (("pack", "my.py:Mine"), "submit card"),
         (("pack", "stay-v0", "--card", "/nowhere/card.toml"), "cannot read"),
-        (("pack", "stay-v0", "--env", "BuildingSite-v0"), "--into"),
+        (("pack", "stay-v0", "--env", "BuildingSite-v1"), "--into"),
         (("pack", "stay-v0", "--env", "Moon-v0"), "Moon-v0"),
         (("verify", "/nowhere.pdrz", "--secret", "/nowhere"), "--rerun"),
         (("verify", "/nowhere.pdrz", "--rerun", "--key", "/nowhere"), "cannot read the private key"),

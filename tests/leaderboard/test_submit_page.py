@@ -22,7 +22,7 @@ def test_from_a_class_to_a_row(tmp_path: Path) -> None:
     folder = tmp_path / "empty"
     folder.mkdir()
     assert follow(PAGE, folder, tmp_path / "bin") == 4
-    entry = folder / "leaderboards" / "OfficeStride-v1" / "mine-v0"
+    entry = folder / "leaderboards" / "OfficeStride-v2" / "mine-v0"
     assert read_entry(entry).tier == "reproduced"
     assert "mine-v0" in (entry.parent / "TABLE.md").read_text()
     assert (folder / "site" / "index.html").is_file()

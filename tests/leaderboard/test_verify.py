@@ -53,7 +53,7 @@ def test_everything_is_run_again_and_with_a_second_nonce(
     for sent, published in zip(again.sent, again.results, strict=True):
         assert np.array_equal(sent.estimates.t_s, published.estimates.t_s)
         assert not np.array_equal(sent.estimates.xy_m, published.estimates.xy_m)
-    assert again.submission.run.walks["BuildingSite-v0"] != record.runs  # times are those of the second run
+    assert again.submission.run.walks["BuildingSite-v1"] != record.runs  # times are those of the second run
     assert all(run.cpu_s and run.cpu_s > 0 for run in record.runs)
 
 
@@ -104,11 +104,11 @@ def test_the_luckiest_seed_does_not_stand(packed: dict[str, Bundle], terms: Make
 
 def test_an_environment_that_goes_badly_cannot_be_left_out(small_suite: Suite, terms: MakeTerms) -> None:
     suite_run = play_suite(["stay-v0"], small_suite, nonce=NONCE, **HERE)["stay-v0"]
-    del suite_run.results["OfficeStride-v0"]
-    suite_run.unsuitable["OfficeStride-v0"] = "no such sensor"
+    del suite_run.results["OfficeStride-v2"]
+    suite_run.unsuitable["OfficeStride-v2"] = "no such sensor"
     bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run)
     (one,) = verify(bundle, terms(), **HERE)
-    assert one.differences == ("OfficeStride-v0: declined according to the bundle, complete when it is run",)
+    assert one.differences == ("OfficeStride-v2: declined according to the bundle, complete when it is run",)
 
 
 def test_a_spot_check_is_a_tier_of_its_own(
@@ -174,7 +174,7 @@ def test_answers_that_change_from_run_to_run_are_found(
     small_suite: Suite, submitted: Path, terms: MakeTerms, name: str
 ) -> None:
     spec = f"{submitted}:{name}"
-    suite_run = play_suite([spec], small_suite, seeds=1, envs=["BuildingSite-v0"], nonce=NONCE, **HERE)[spec]
+    suite_run = play_suite([spec], small_suite, seeds=1, envs=["BuildingSite-v1"], nonce=NONCE, **HERE)[spec]
     bundle = make_bundle(spec, card_named("unsteady-v0"), small_suite, suite_run, seeds=1)
     (one,) = verify(bundle, terms(secrets=(SECRET,)), **HERE)
     unseen = ["not the same twice" in what for what in one.differences]

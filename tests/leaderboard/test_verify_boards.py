@@ -26,7 +26,7 @@ from pdrbench_leaderboard.verification import TIERS
 from .conftest import NONCE, SECRET, card_named
 from .test_verify import tampered
 
-STAY = Path("BuildingSite-v0") / "stay-v0"
+STAY = Path("BuildingSite-v1") / "stay-v0"
 
 
 def run(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
@@ -39,7 +39,7 @@ def run(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
 
 @pytest.fixture(scope="module")
 def stays(small_suite: Suite) -> Bundle:
-    only = {"envs": ["BuildingSite-v0"], "isolation": "none"}
+    only = {"envs": ["BuildingSite-v1"], "isolation": "none"}
     suite_run = play_suite(["stay-v0"], small_suite, nonce=NONCE, **only)["stay-v0"]  # type: ignore[arg-type]
     return make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run)
 
@@ -67,7 +67,7 @@ def test_every_entry_is_verified_once(
     write_entry(board, packed["Wanders"].entries()[0])
     code, rows = run(*options)
     assert code == 0 and rows[str(STAY)]["tier"] == "verified" and rows[str(STAY)]["held_out"]["walks"] == 2
-    stranger = rows["BuildingSite-v0/wanders-v0"]
+    stranger = rows["BuildingSite-v1/wanders-v0"]
     assert stranger["is_left_out"] and "verify the bundle that was sent" in stranger["why"]
     entry = read_entry(board / STAY)
     assert entry.tier == "verified" and TIERS[-1] == "verified"
@@ -132,7 +132,7 @@ def test_a_folder_of_another_suite_or_environment_is_left_alone(
     manifest = msgspec.structs.replace(entry.submission.manifest, suite="pdr-core-v2")
     submission = msgspec.structs.replace(entry.submission, manifest=manifest)
     write_entry(board, entry)
-    assert run(*options, "--env", "OfficeStride-v0") == (0, {})
+    assert run(*options, "--env", "OfficeStride-v2") == (0, {})
     (board / STAY / "submission.json").write_bytes(msgspec.json.encode(submission))
     code, rows = run(*options)
     assert code == 1 and "every walk and seed" in rows[str(STAY)]["why"]  # two walks are too few for that suite

@@ -16,7 +16,7 @@ from pdrbench.inertial.zero_velocity import DETECTORS, detect
 from pdrbench_sim.foot.foot import UNIT_HEIGHT_M, foot_motion
 from pdrbench_sim.foot.shape import GaitShape, gait_shape
 from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite, FootSiteError, still_fraction
-from pdrbench_sim.foot.style import MEASURED, SwingParams, draw_foot_style
+from pdrbench_sim.foot.style import SwingParams, draw_foot_style
 from pdrbench_sim.people.strides import Stances
 from pdrbench_sim.units.motion import MotionError
 
@@ -281,7 +281,7 @@ def test_runs_turn_as_fast_as_recorded_ones(hall: Building) -> None:
     """Recorded: peaks of 536 to 606 degrees/s in runs of 1.8 to 2.1 m/s, in the median of a walk."""
     rests, found = straight(14, length_m=1.8, stride_s=0.9), []
     for seed in range(4):
-        motion = foot_motion(hall, rests, np.random.default_rng(seed), end_s=13.0, params=MEASURED)
+        motion = foot_motion(hall, rests, np.random.default_rng(seed), end_s=13.0, params=SwingParams())
         rate = np.degrees(np.linalg.norm(motion.ideal_signals()[1], axis=1))
         ends = np.searchsorted(motion.t_s, rests.mid_s[2:])
         found.append(np.median([rate[a:b].max() for a, b in itertools.pairwise(ends)]))

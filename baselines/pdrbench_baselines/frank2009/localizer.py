@@ -44,7 +44,7 @@ class FingerprintingParams:
             needs a survey that receives the same access points everywhere.
     """
 
-    survey_age_s: float = 12.0  # as `wifi_knn-v0`; chosen on the train walks of MallPhoneLost-v0
+    survey_age_s: float = 12.0  # as `wifi_knn-v0`; chosen on the train walks of MallPhoneLost-v2
     scan_age_s: float = 4.0  # ours: a sweep of a phone, and its delivery
     votes: bool = True
     unknown: Literal["ignore", "penalise"] = "ignore"

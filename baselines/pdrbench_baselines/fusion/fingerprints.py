@@ -21,7 +21,7 @@ MIN_ODDS: Final = 1e-3  # cosine distances nearer to 0 or 1 count as that
 class FingerprintParams:
     """Of a survey whose places were interpolated; one of surveyed places is calibrated on itself (`ScanLocator`).
 
-    Read off train walks of MallPhoneLost-v1 whose sessions were left out of the survey, 7 277 scans. A scan at a cosine
+    Read off train walks of MallPhoneLost-v2 whose sessions were left out of the survey, 7 277 scans. A scan at a cosine
     distance below 0.1 from its nearest fingerprint was always on the level of that one, half of the time within 9 m; at
     0.3 it was there in 57 %, and 20 m away in the median of these. A survey asked about its own
     walks does not show this: it holds other walks of the same minutes.

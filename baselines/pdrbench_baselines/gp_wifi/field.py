@@ -32,7 +32,7 @@ MIN_INFORMATION: Final = 1e-3  # per dB^2, of a miss; what says less is left out
 
 @dataclass(frozen=True, slots=True)
 class FieldParams:
-    """Ours; those of misses and of the noise were read off train walks of MallPhoneLost-v1, left out of the survey.
+    """Ours; those of misses and of the noise were read off train walks of MallPhoneLost-v2, left out of the survey.
 
     Attributes:
         lattice_m: Between places where fields are evaluated.

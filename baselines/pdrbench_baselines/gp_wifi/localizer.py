@@ -26,7 +26,7 @@ USUAL_DBM = -85.0  # of what is received where the survey does not let expect it
 
 @dataclass(frozen=True, slots=True)
 class GpWifiParams:
-    """Ours; chosen on train walks of MallPhoneLost-v1 whose sessions were left out of the survey.
+    """Ours; chosen on train walks of MallPhoneLost-v2 whose sessions were left out of the survey.
 
     Attributes:
         field: Of the radio map.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
 
 BY_LIFT = float(WAYS.index("lift"))
-SMOOTHED_CLAIM = 1.25  # of lines, over that of clouds: on 40 train walks of MallPhone-v1 95 % discs hold 92 % with 1.0
+SMOOTHED_CLAIM = 1.25  # of lines, over that of clouds: on 40 train walks of MallPhone-v2 95 % discs hold 92 % with 1.0
 LEVEL_HEIGHT_M = 3.0  # rise that counts as a level, as foot_ins-v0
 INSTALL = "pip install 'pdrbench[learned]'"
 
@@ -58,13 +58,13 @@ class LearnedParams:
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(14.0)  # 11 degrees of the phone (sources.md 1.5), the rest ours
     doubted_mps: float = 0.7  # ours: of a trolley all that is known is that it goes at less than walkers do
-    error_correlation: float = 3.0  # on MallPhone-v0 95 % discs hold 86 % (train) and 98 % (val)
+    error_correlation: float = 3.0  # on MallPhone-v2 95 % discs hold 86 % (train) and 98 % (val)
     one_place_m: float = 2.0
     cloud_claim: float = 1.7  # 85 and 98 % there
     map: LearnedMapFilterParams = field(default_factory=LearnedMapFilterParams)
 
 
-# On 12 train and 8 val walks of OfficeFoot-v0 discs of 50, 90, 95 % of learned-v0 hold 73, 93, 95 %; the errors of
+# On 12 train and 8 val walks of OfficeFoot-v2 discs of 50, 90, 95 % of learned-v0 hold 73, 93, 95 %; the errors of
 # a person's length and of the heading were measured on training people (1 %, 2 to 5 degrees in 110 s).
 ON_FOOT = LearnedParams(
     weights="learned_foot-v0",
@@ -345,7 +345,7 @@ def motion_of(move: Move, params: LearnedMapFilterParams, turn_rad: float = 0.0)
 
 
 def retrained(params: Mapping[str, Any] | None = None) -> Learned:
-    """`learned-v0` with a network that learned from all train sessions of `MallPhone-v1` as well."""
+    """`learned-v0` with a network that learned from all train sessions of `MallPhone-v2` as well."""
     return Learned(params, defaults=RETRAINED)
 
 

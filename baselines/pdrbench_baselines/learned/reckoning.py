@@ -41,7 +41,7 @@ FADES: Final = 0.5  # of a displacement for every second without samples: who wa
 BRIDGED_FADES: Final = 0.9  # the same where gaps are bridged: nearly all who walked still do
 # Fraction of its squared length by which the variance per axis of a second grows: of one that repeats another, and, for
 # every second that is missing up to then, of one in a gap that is bridged. Of gaps cut out of 30 walks of
-# `MallPhone-v1` train it is 0.02 to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
+# `MallPhone-v2` train it is 0.02 to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
 REPEATED_FRACTION: Final = 0.25
 GAP_FRACTION: Final = 0.1
 SETTLES_S: Final = 2.0  # ours, after a gap that is bridged: on one walk the reported yaw lagged by a second

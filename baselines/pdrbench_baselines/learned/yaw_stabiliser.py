@@ -16,7 +16,7 @@ from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 
-MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v0: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
+MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v2: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
 MAX_GAP_S: Final = 0.25  # over longer ones the rate is unknown, and the reported yaw is followed
 

@@ -27,7 +27,7 @@ EVERY_S: Final = 0.2  # between rows of the revised past: a second is a metre
 
 @dataclass(frozen=True, slots=True)
 class ViterbiMapParams:
-    """Defaults, ours; both factors were set on 24 train walks of `MallPhone-v1`.
+    """Defaults, ours; both factors were set on 24 train walks of `MallPhone-v2`.
 
     Attributes:
         trellis: States and their transitions.

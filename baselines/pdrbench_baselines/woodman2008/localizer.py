@@ -348,7 +348,7 @@ def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
     Length and spread of the drift are those of the error model that strides of version 0 are drawn from (sources.md,
     note 1): there the localizer knows what no user would, and `drift_prior_elsewhere` does not. While it searches, the
     heading is as uncertain as a drift that is not known yet makes it, it takes more particles, and a single cluster has
-    to stand for twenty strides. The settings were chosen on the train and val walks of `LabStrideLost-v0`.
+    to stand for twenty strides. The settings were chosen on the train and val walks of `LabStrideLost-v2`.
 
     Args:
         params: Fields of `Woodman2008Params` to set otherwise.

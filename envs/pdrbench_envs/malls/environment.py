@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Final
 
+import numpy as np
+
 from pdrbench.building import Building
 from pdrbench.datasets import datasets, find, is_available
 from pdrbench.errors import DatasetError, unknown_name
@@ -22,24 +24,21 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import start_place
-from pdrbench_envs.mall_phone import (
-    BLE_CAPACITY,
-    MOUNTING,
-    PERIOD_S,
-    PLAN_FILES,
-    SAMPLED_CAPACITY,
-    SENSORS,
-    WIFI_CAPACITY,
-    after_first_scan,
-    after_start,
-)
 from pdrbench_envs.malls.splits import Walk, is_new, splits, walks
 from pdrbench_envs.malls.surveys import DATASET, checked, files, log_of, scans_of
 from pdrbench_envs.recorded import opaque_id
 from pdrbench_sim.readers import ilc20_map
 
+PERIOD_S: Final = 0.2  # five answers a second: at most 0.3 m of walking between two
+SENSORS: Final = ("accel", "gyro", "mag", "rotation", "wifi", "ble")
+SAMPLED_CAPACITY: Final = 32  # 100 Hz for 0.2 s makes 20 rows
+WIFI_CAPACITY: Final = 1024  # the largest scan delivers 670 rows; a whole scan comes with one observation
+BLE_CAPACITY: Final = 64
+PLAN_FILES: Final = (ilc20_map.PLAN, ilc20_map.SIZE)
+MOUNTING: Final = "hand"  # held flat in front of the body
+
 _ID_KEY: Final = b"pdrbench.malls"
-# A walk of 3 s that ends before an answer could follow its first scan: `MallPhoneLost-v1` is without it.
+# A walk of 3 s that ends before an answer could follow its first scan: `MallPhoneLost-v2` is without it.
 ENDS_BEFORE_A_SCAN: Final = "site1/B1/path_data_files/5dda3331c5b77e0006b17635.txt.xz"
 
 _DESCRIPTION: Final = """\
@@ -58,7 +57,7 @@ scans are late and sparse; the survey leaves corridors out; the plan leaves wide
 **Splits** are made of outings: recording sessions of one mall that follow one another within ten minutes, cut into
 parts of about twenty minutes. Units of replication are outings. Walks of `test` are on known floors, on two floors that
 occur nowhere else (`unseen floor`), or of 5 and 6 December, ten days and more after every scan of the survey (`two
-weeks later`); none of them is played by `MallPhone-v0`. They share one survey for each mall, made of `train` walks that
+weeks later`). They share one survey for each mall, made of `train` walks that
 were recorded more than ten minutes from every test walk; walks of `val` have one of the same kind. A walk of `train`
 gets the survey of the other four folds. Only surveyed waypoints are scored.
 """
@@ -90,7 +89,7 @@ class Played:
 def task() -> Task:
     """Known start: first waypoint and level, heading unknown; every floor."""
     return _make_task(
-        "MallPhone-v1",
+        "MallPhone-v2",
         summary="Phone walks on 13 floors of two shopping centres, start known, sessions kept apart",
         description=_DESCRIPTION + _KNOWN,
         is_lost=False,
@@ -100,7 +99,7 @@ def task() -> Task:
 def task_lost() -> Task:
     """Unknown start; floors with a radio survey."""
     return _make_task(
-        "MallPhoneLost-v1",
+        "MallPhoneLost-v2",
         summary="Phone walks on 11 floors of two shopping centres, start unknown, radio survey of other sessions",
         description=_DESCRIPTION + _LOST,
         is_lost=True,
@@ -165,8 +164,7 @@ def walks_at_hand() -> frozenset[str]:
 def played_walks() -> Mapping[str, Played]:
     """Every walk by id, in the order of play.
 
-    Walks of `MallPhone-v0` whose outing was drawn for the test split are none of them: localizers were developed on
-    those walks.
+    Walks that localizers were developed on are left out of the test split, see `splits.is_new`.
     """
     made = splits()
     surveyed_as = {"val": made.val, "test": made.test} | dict(enumerate(made.train))
@@ -219,6 +217,19 @@ def _load(scored: Callable[[Log], BoolArray], walk: str) -> Recording:
         reference=Trajectory(t_s=way.t_s, xy_m=way.xy_m, level=way.level, surveyed=scored(log)),
         mounting=MOUNTING,
     )
+
+
+def after_start(log: Log) -> BoolArray:
+    """(T,) True for every waypoint but the first, which is the start."""
+    return np.arange(len(log.reference)) > 0
+
+
+def after_first_scan(log: Log) -> BoolArray:
+    """(T,) True from one period after the first WiFi scan: before it no localizer can know anything."""
+    if "wifi" not in log.rows:
+        return np.zeros(len(log.reference), dtype=np.bool_)
+    scored: BoolArray = log.reference.t_s >= log.rows["wifi"][0, 0] + PERIOD_S
+    return scored
 
 
 @functools.lru_cache(maxsize=4)

@@ -33,7 +33,7 @@ TEST_WALKS, VAL_WALKS = 80, 76  # of the known floors, about: a draw stops at th
 # survey. It looks at places and times only, at no estimate.
 TEST_DRAW: Final = 104
 VAL_DRAW: Final = 40
-PLAYED_BEFORE: Final = ("train", "eval", "edge")  # roles in `ilc20` of the walks that `MallPhone-v0` plays
+PLAYED_BEFORE: Final = ("train", "eval", "edge")  # roles in `ilc20` of the walks that `MallPhone` played at first
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,13 +127,13 @@ def walks() -> tuple[Walk, ...]:
 
 @functools.cache
 def played_before() -> frozenset[str]:
-    """Names of the files, without suffix, of the walks that `MallPhone-v0` plays: localizers were developed on them."""
+    """Names of the files, without suffix, of the walks that localizers were developed on."""
     rows = datasets()["ilc20"].files
     return frozenset(row.path.split("/")[-1].partition(".")[0] for row in rows if row.role in PLAYED_BEFORE)
 
 
 def is_new(walk: Walk) -> bool:
-    """True where `MallPhone-v0` does not play the walk."""
+    """True where no localizer was developed on the walk: `MallPhone` did not play it at first."""
     return walk.path.split("/")[-1].partition(".")[0] not in played_before()
 
 

@@ -77,13 +77,15 @@ class SwingParams:
     # Width of that, as a fraction of the stride; the time is taken from before and after.
     linger_phase: float = 0.08  # ours
     # By how much longer stances are in slow strides, as a fraction, per m/s below 1.1 m/s; swings are quicker by that.
-    slow_stance: float = 0.0  # of the first environments; see `MEASURED`
+    # [M] stances fill 0.54 of strides of 0.6 m/s (`foot_dual`) and 0.43 of 0.93 m/s (`foot_stride_gcp`): 0.52 and 0.43
+    # with this, 0.43 and 0.39 without.
+    slow_stance: float = 0.5
     # Roll and yaw of runs vary at most so often in a stride; 0 as learned. Where the toe points down, up to 85 degrees,
     # roll and yaw of the recorded feet could not be separated: what was learned there makes 1300 to 1900 degrees/s in
     # runs, where 540 to 600 were recorded.
-    run_roll_cycles: int = 0  # of the first environments; see `MEASURED`
+    run_roll_cycles: int = 4
     # Of runs, over what the speed makes of the oscillations.
-    run_knock: float = 1.0  # of the first environments; see `MEASURED`
+    run_knock: float = 1.3
     # (pitch, roll, yaw) of stances: how fast the foot turns in their middle, beyond the learned mean, per duration of a
     # stride.
     roll_sigma_rad: tuple[float, float, float] = (0.03, 0.14, 0.045)  # [M] with the modes 3, 8, 2.3 degrees/s
@@ -115,11 +117,6 @@ class SwingParams:
     def linger_at(self, linger: float, speed_mps: FloatArray) -> FloatArray:
         """(S,) a person's `linger` in strides of speeds (S,), within what leaves time in its order."""
         return np.clip(linger + self.linger_slope * (speed_mps - _LINGER_MPS), *_LINGER_LIMITS)
-
-
-# [M] stances fill 0.54 of strides of 0.6 m/s (`foot_dual`) and 0.43 of 0.93 m/s (`foot_stride_gcp`): 0.52 and 0.43 with
-# this, 0.43 and 0.39 without.
-MEASURED: Final = SwingParams(slow_stance=0.5, run_roll_cycles=4, run_knock=1.3)
 
 
 @dataclass(frozen=True, slots=True)

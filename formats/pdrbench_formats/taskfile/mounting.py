@@ -17,8 +17,8 @@ STANCE_S: Final = 0.1
 IMPACT_MPS2: Final = 20.0  # of one sample in a hundred
 MIN_BLOCKS: Final = 5
 # Of moving blocks that hold a swing and a stance. The thresholds were chosen on ten recorded walks of shoes and 18 of
-# phones. No recorded walk of a phone among 46 is taken for a shoe (MallPhone-v0, Ipin2023Phone-v0); 23 of 26 walks of
-# shoes are (FootWalks-v0, FootVicon-v0, FootLoops-v0, FootShort-v0).
+# phones. No recorded walk of a phone among 46 is taken for a shoe (MallPhone-v2, IpinPhone-v1); 23 of 26 walks of
+# shoes are (FootWalks-v1, FootVicon-v1, FootLoops-v1, FootShort-v1).
 MIN_FRACTION: Final = 0.7
 
 

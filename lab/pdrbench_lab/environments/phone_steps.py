@@ -20,7 +20,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start
 from pdrbench_envs.recorded import opaque_id
-from pdrbench_sim.readers import phone_steps
+from pdrbench_lab.readers import phone_steps
 
 ENV: Final = "PhoneSteps-v1"
 DATASET: Final = "phone_steps"

@@ -26,7 +26,7 @@ from pdrbench_lab.factor_graph.walls import ALONG, STAIRS_M, Distances, walls
 
 @dataclass(frozen=True, slots=True)
 class WindowParams:
-    """Defaults, ours; those of walls were chosen on 43 train walks of `MallPhone-v1`, one of each outing.
+    """Defaults, ours; those of walls were chosen on 43 train walks of `MallPhone-v2`, one of each outing.
 
     Attributes:
         chain: Start, heading bias and length scale.

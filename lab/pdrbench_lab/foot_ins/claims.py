@@ -268,7 +268,7 @@ _LEFT_OUT: Final = Experiment(
     "pdrbench_lab.foot_ins.left_out:left_out",
     seeds=1,
     quick_seeds=1,
-    envs=(VICON, WALKS, LOOPS, SHORT, "FootDual-v0"),
+    envs=(VICON, WALKS, LOOPS, SHORT, "FootDual-v1"),
 )
 LEFT_OUT: Final = Reproduction(
     name="foot_left_out",

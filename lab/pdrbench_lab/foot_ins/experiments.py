@@ -39,12 +39,13 @@ from pdrbench.metrics.odometry import align_se2
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED
 from pdrbench.trajectory import Trajectory
-from pdrbench_sim.readers import foot_dual, foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_lab.readers import foot_dual, foot_loops, foot_short
+from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
-VICON: Final = "FootVicon-v0"
-WALKS: Final = "FootWalks-v0"
-LOOPS: Final = "FootLoops-v0"
-SHORT: Final = "FootShort-v0"
+VICON: Final = "FootVicon-v1"
+WALKS: Final = "FootWalks-v1"
+LOOPS: Final = "FootLoops-v1"
+SHORT: Final = "FootShort-v1"
 PLAYED: Final = ("foot_ins", "foot_ins_adaptive", "foot_ins_smooth")
 BY_DETECTOR: Final = ("foot_ins_are", "foot_ins_mv", "foot_ins_mag", "foot_ins_interval")
 WALKING: Final = (31, 32, 33, 36)  # of `foot_stride_gcp`, by the number in the name of the file

@@ -102,7 +102,7 @@ REPRODUCTION: Final = Reproduction(
             "pdrbench_lab.foot_ins.swings:swings",
             seeds=1,
             quick_seeds=1,
-            envs=("FootVicon-v0", "FootWalks-v0", "FootDual-v0"),
+            envs=("FootVicon-v1", "FootWalks-v1", "FootDual-v1"),
         ),
     ),
     claims=_claims(),

@@ -57,7 +57,7 @@ class OdometryNoise:
                 raise PdrbenchError(f"footslam: {name} is 0 or more; got {getattr(self, name)!r}")
 
 
-# `pdrbench error-model --filter adaptive --env FootVicon-v0 --env FootWalks-v0`
+# `pdrbench error-model --filter adaptive --env FootVicon-v1 --env FootWalks-v1`
 ADAPTIVE_FILTER: Final = OdometryNoise(
     length_scale=1.0079,
     length_scale_sigma=0.0106,
@@ -82,7 +82,7 @@ class SlamParams:
     """
 
     num_particles: int = 2000  # ours: time; the authors take tens of thousands
-    radius_m: float = 1.4  # ours: train walks of OfficeStride-v1; 0.5 in the papers
+    radius_m: float = 1.4  # ours: train walks of OfficeStride-v2; 0.5 in the papers
     alpha: float = 0.8
     delay: int = 8  # ours: some 20 m
     resampled_below: float = 0.5  # ours

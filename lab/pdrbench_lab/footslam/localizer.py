@@ -39,7 +39,7 @@ class FootSlamParams:
     stride: OdometryNoise = field(default_factory=OdometryNoise)
     unit: OdometryNoise = ADAPTIVE_FILTER
     level_height_m: float = 3.0  # as dead_reckoning-v0
-    sigma_factor: float = 0.9  # ours: train walks of OfficeStride-v1
+    sigma_factor: float = 0.9  # ours: train walks of OfficeStride-v2
     least_sigma_m: float = 0.05  # ours
     smooths: bool = False
 

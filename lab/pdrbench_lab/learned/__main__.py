@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 PEOPLE, EPOCHS = 400, 3  # of a training by default
 USUAL_WEIGHTS = "learned-v2"
 MEASURED = {
-    "office": "OfficePhone-v0",
-    "mall": "MallPhone-v1",
-    "abroad": "OfficePhoneAbroad-v0",
-    "museum": "Ipin2023Phone-v0",
+    "office": "OfficePhone-v1",
+    "mall": "MallPhone-v2",
+    "abroad": "OfficePhoneAbroad-v1",
+    "museum": "IpinPhone-v1",
 }
 OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
 
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         help="name of packaged weights or model.safetensors of a run, by default the newest; give two to compare",
     )
-    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
+    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on OfficeFoot-v2, nothing else")
     measure.add_argument("--split", choices=("train", "val", "test"), default="val")
     measure.add_argument("--only", choices=tuple(MEASURED), help="one of the environments")
     measure.add_argument("--shaking", type=float, default=1.0, help="multiplied by so much, steps and way as they are")
@@ -211,14 +211,14 @@ def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
     from pdrbench_lab.learned.measure import window_figures
     from pdrbench_lab.learned.walks import walk_figures
 
-    task = make_task("OfficeFoot-v0")
+    task = make_task("OfficeFoot-v2")
     walks = [replace(walk, reference=levelled(walk).reference) for walk in map(task.load, task.split(split))]
     windows, _ = gather(windows_of_sources((FEET,), OTHER_FEET, split))
     feed = Feed(windows, "cpu")
     for name, network in networks.items():
         distance_pct = walk_figures(network, walks)["distance_pct"]  # its places are too rare for the other figures
         print(f"{name}:")  # noqa: T201
-        print(f"  OfficeFoot-v0 {split}: distance {distance_pct:.2f} %")  # noqa: T201
+        print(f"  OfficeFoot-v2 {split}: distance {distance_pct:.2f} %")  # noqa: T201
         print(f"  {OTHER_FEET} other people: {window_figures(network, feed, windows).line()}")  # noqa: T201
 
 

@@ -3,7 +3,7 @@
     python -m pdrbench_lab.learned.zero_velocity_train --out zero_velocity.safetensors
 
 Three of four trials of `foot_vicon_2` are learned from: one person under motion capture who walks, runs, crawls and
-lifts the foot. No trial of `foot_vicon`, another day of the same person and unit, is: `FootVicon-v0` plays those. The
+lifts the foot. No trial of `foot_vicon`, another day of the same person and unit, is: `FootVicon-v1` plays those. The
 foot rests where its speed by motion capture is below a threshold, or where the authors say so: by the detector, with
 the threshold, that gives the least error of the trial.
 """

@@ -16,7 +16,7 @@ from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, sa
 if TYPE_CHECKING:
     from pdrbench_envs.malls.splits import Walk
 
-app = typer.Typer(no_args_is_help=True, help="What MallPhone-v1 and MallPhoneLost-v1 are made of.")
+app = typer.Typer(no_args_is_help=True, help="What MallPhone-v2 and MallPhoneLost-v2 are made of.")
 
 
 @app.command("survey")
@@ -154,7 +154,7 @@ def own_session(
     rows = []
     with answer_only(as_json):
         play = functools.partial(evaluate, localizer, split="val", jobs=jobs, isolation=isolation, out=out)
-        for env, function in (("MallPhoneLost-v1", "lost"), ("MallPhone-v1", "known")):
+        for env, function in (("MallPhoneLost-v2", "lost"), ("MallPhone-v2", "known")):
             rows.append(paired(env, f"{module.__file__}:{function}", play))
     if as_json:
         print_json({"localizer": localizer, "rows": rows})

@@ -15,7 +15,7 @@ from pdrbench_envs.malls.surveys import Scans, scans_of
 NUM_DRAWS = 200
 NUM_COMPARED = 20
 NEAR_M = 10.0
-TEST_RANGE, VAL_RANGE = (84, 92), (75, 85)  # walks on known floors that `MallPhone-v0` does not play
+TEST_RANGE, VAL_RANGE = (84, 92), (75, 85)  # new walks on known floors, see `splits.is_new`
 MIN_OUTINGS = 14  # intervals resample outings
 
 
@@ -39,7 +39,7 @@ def distances_m(played: Iterable[Walk], survey: Sequence[Walk]) -> FloatArray:
 
 
 def played(outings: Iterable[Outing], group: str = KNOWN) -> list[Walk]:
-    """The walks of a group in some outings that are not played by `MallPhone-v0`."""
+    """The walks of a group in some outings that are new, see `splits.is_new`."""
     every = [walk for outing in outings for session in outing for walk in session.walks]
     return [walk for walk in every if walk.group == group and is_new(walk)]
 

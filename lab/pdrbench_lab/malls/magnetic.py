@@ -24,12 +24,12 @@ waypoints. A calibrated magnetometer is off by some microtesla, by another vecto
 
 
 def task() -> Task:
-    """`MallPhone-v1` with a magnetic survey."""
+    """`MallPhone-v2` with a magnetic survey."""
     return _with_magnetic_map(environment.task(), "MallPhoneMagnetic-v1")
 
 
 def task_lost() -> Task:
-    """`MallPhoneLost-v1` with a magnetic survey."""
+    """`MallPhoneLost-v2` with a magnetic survey."""
     return _with_magnetic_map(environment.task_lost(), "MallPhoneMagneticLost-v1")
 
 

@@ -1,6 +1,6 @@
 """The environments of the malls with the walk's own session in the survey, to measure what leaving it out does.
 
-Not registered: `pdrbench malls own-session` plays them beside `MallPhone-v1` and `MallPhoneLost-v1`.
+Not registered: `pdrbench malls own-session` plays them beside `MallPhone-v2` and `MallPhoneLost-v2`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from pdrbench_envs.malls.surveys import scans_of
 
 
 def known() -> Task:
-    """`MallPhone-v1`, and the scans of the other walks of a walk's session."""
+    """`MallPhone-v2`, and the scans of the other walks of a walk's session."""
     return _with_own_session(environment.task(), "MallPhoneOwnSession-v1")
 
 
 def lost() -> Task:
-    """`MallPhoneLost-v1`, and the scans of the other walks of a walk's session."""
+    """`MallPhoneLost-v2`, and the scans of the other walks of a walk's session."""
     return _with_own_session(environment.task_lost(), "MallPhoneLostOwnSession-v1")
 
 

@@ -51,9 +51,9 @@ from pdrbench_lab.stride_errors.stride_errors import (
 )
 from pdrbench_sim.foot.shape import gait_shape
 from pdrbench_sim.foot.site import INSTEP, SOLE
-from pdrbench_sim.foot.style import MEASURED, draw_foot_style
+from pdrbench_sim.foot.style import SwingParams, draw_foot_style
 
-# As the sets that judge were recorded: docs of `FootVicon-v0` and `FootLoops-v0`.
+# As the sets that judge were recorded: docs of `FootVicon-v1` and `FootLoops-v1`.
 ROOM: Final = FootProtocol(
     width_m=(2.0, 3.0),  # a room of some three by three metres
     depth_m=(2.0, 3.0),
@@ -126,10 +126,10 @@ def _walks(
     """Some walks of one person with one unit."""
     for_walker, for_walks = rng.spawn(2)
     walker = draw_walker(for_walker, protocol.device)
-    params, gaits = MEASURED, None
+    params, gaits = SwingParams(), None
     if not has_strike:
         walk, run = (gait_shape(gait).smoothed(_SMOOTH_CYCLES) for gait in ("walk", "run"))
-        params, gaits = replace(MEASURED, knocks=()), (walk, run)
+        params, gaits = replace(params, knocks=()), (walk, run)
     for stream in for_walks.spawn(WALKS_OF_PERSON[protocol.site.planted > 0]):
         yield foot_walk(stream, protocol, walker=walker, params=params, gaits=gaits).signals
 

@@ -16,8 +16,9 @@ from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, StrideParams, find_
 from pdrbench.inertial.strides import Strides
 from pdrbench.inertial.zero_velocity import DETECTORS, Rest, detect, nominal_rate_hz
 from pdrbench.io.log import Log
+from pdrbench_lab.readers import foot_loops, foot_short
 from pdrbench_lab.realism.block import Part
-from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
 WALKING_MPS: Final = (0.9, 1.3)  # of the strides whose times are compared
 STANCE_MPS: Final = 0.15  # a foot slower than this stands (sources.md 1.2)

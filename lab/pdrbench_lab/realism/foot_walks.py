@@ -15,7 +15,7 @@ from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.shape import GaitShape
 from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite
-from pdrbench_sim.foot.style import MEASURED, FootStyle, SwingParams, draw_foot_style
+from pdrbench_sim.foot.style import FootStyle, SwingParams, draw_foot_style
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances
 from pdrbench_sim.units.device import ImuUnit, draw_unit
@@ -85,7 +85,7 @@ def foot_walk(
     *,
     walker: Walker | None = None,
     style: FootStyle | None = None,
-    params: SwingParams = MEASURED,
+    params: SwingParams | None = None,
     gaits: tuple[GaitShape, GaitShape] | None = None,
 ) -> SyntheticFootWalk:
     """A person's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are.

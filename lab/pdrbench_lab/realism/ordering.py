@@ -1,6 +1,6 @@
 """The order of localizers by error, on synthetic walks through shopping centres and on real ones.
 
-Real: the walks of the val split of `MallPhone-v1`; what varies as a whole is an outing. Synthetic: floors of shopping
+Real: the walks of the val split of `MallPhone-v2`; what varies as a whole is an outing. Synthetic: floors of shopping
 centres, briefed and observed exactly as there. The survey of a real walk lacks everything of its own outing, so that
 half of the places lie in parts of the floor that it left out; synthetic surveys lack the walks around some places, so
 many that places lie as far from the nearest scan as recorded ones do.
@@ -30,7 +30,7 @@ from pdrbench_lab.realism.block import CLUSTER, Block, Distribution, Order, Part
 from pdrbench_lab.realism.malls import floor_of, mall_walk
 from pdrbench_lab.realism.radio_statistics import SurveyWalk, survey_of
 
-ENVIRONMENT: Final = "MallPhone-v1"
+ENVIRONMENT: Final = "MallPhone-v2"
 LOCALIZERS: Final = (  # ours that can play it, without variants of li2012, which differ by less than single walks do
     "dead_reckoning-v0",
     "li2012-v0",

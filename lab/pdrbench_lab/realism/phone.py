@@ -16,13 +16,13 @@ from pdrbench.datasets.integrity import locate
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording
+from pdrbench_lab.readers import phone_steps
 from pdrbench_lab.realism import phone_gait
 from pdrbench_lab.realism.block import Block, Control, Distribution, Figure, Part, Values, clustered, statistics
 from pdrbench_lab.realism.malls import mall_walks
 from pdrbench_lab.realism.phone_walks import DATASET as HAND_DATASET
 from pdrbench_lab.realism.phone_walks import recorded_walks
 from pdrbench_sim.buildings.mall import make_mall
-from pdrbench_sim.readers import phone_steps
 from pdrbench_sim.record import IN_POCKET, make_scene, simulate_walk
 from pdrbench_sim.units.motion import GRAVITY_MPS2
 

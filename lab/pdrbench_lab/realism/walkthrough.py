@@ -24,8 +24,8 @@ from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.record import IN_POCKET, ON_FOOT, BuildingScene, make_scene, simulate_walk
 
-REAL_FOOT: Final = "FootVicon-v0"
-REAL_PHONE: Final = "MallPhone-v0"
+REAL_FOOT: Final = "FootVicon-v1"
+REAL_PHONE: Final = "MallPhone-v2"
 SHOWN_S: Final = 4.0
 NUM_WALKS: Final = 8  # whose spectra are averaged
 CELL_M: Final = 2.0  # of the pictures of fields

@@ -84,7 +84,7 @@ def at_places(reference: Trajectory, states: FootStates) -> tuple[FloatArray, Fl
     return reference.t_s[:-1], reference.t_s[1:]
 
 
-SETS: Final[Mapping[str, Ends]] = MappingProxyType({"FootVicon-v0": at_rests, "FootWalks-v0": at_places})
+SETS: Final[Mapping[str, Ends]] = MappingProxyType({"FootVicon-v1": at_rests, "FootWalks-v1": at_places})
 
 
 def walk_errors(recording: Recording, params: FootParams, ends: Ends) -> WalkErrors:

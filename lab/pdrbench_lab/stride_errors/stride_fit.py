@@ -26,6 +26,7 @@ from pdrbench.inertial import LITERAL, StrideParams, find_strides, navigate
 from pdrbench.io.log import Log
 from pdrbench.metrics.inertial import median_slope
 from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
+from pdrbench_lab.readers import foot_dual, foot_loops, foot_short
 from pdrbench_lab.stride_errors.stride_errors import (
     OUTLIER_SIGMAS,
     Ends,
@@ -39,7 +40,7 @@ from pdrbench_lab.stride_errors.stride_errors import (
     stride_errors,
     why_not,
 )
-from pdrbench_sim.readers import foot_dual, foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 from pdrbench_sim.units import STRIDE_LAW
 
 FITTED: Final = STRIDE_LAW  # environments draw with it

@@ -210,10 +210,10 @@ def test_unknown_parameters_are_named() -> None:
 @pytest.mark.data
 @pytest.mark.long(seconds=8)
 def test_real_walks_in_a_mall(data_root: Path) -> None:
-    """The val walks of MallPhone-v0: 2.5 m with the map, 3.1 m without when this was written."""
+    """The val walks of MallPhone-v2: 2.5 m with the map, 3.1 m without when this was written."""
     mean_m = {}
     for name in ("li2012_generic-v0", "li2012_nomap-v0"):
-        results = evaluate(name, "MallPhone-v0", split="val", isolation="none", seeds=1).results
+        results = evaluate(name, "MallPhone-v2", split="val", isolation="none", seeds=1).results
         mean_m[name] = np.mean([score(result)["mean_m"] for result in results])
     assert mean_m["li2012_generic-v0"] < 2.9
     assert mean_m["li2012_generic-v0"] < mean_m["li2012_nomap-v0"]

@@ -16,7 +16,6 @@ from pdrbench.datasets import find
 from pdrbench.episode import Episode
 from pdrbench.errors import DatasetError
 from pdrbench.task import Task
-from pdrbench_envs import mall_phone
 from pdrbench_envs.malls import environment, surveys
 from pdrbench_envs.malls.environment import ENDS_BEFORE_A_SCAN, played_walks, task, task_lost
 from pdrbench_envs.malls.splits import walks
@@ -115,9 +114,9 @@ def test_without_a_start_every_level_with_a_survey_is_possible(full: Path) -> No
 def test_the_walk_left_out_could_not_be_scored_without_a_start(full: Path) -> None:
     (left_out,) = set(task().walks["train"]) - set(task_lost().walks["train"])
     assert played_walks()[left_out].walk.path == ENDS_BEFORE_A_SCAN
-    assert not mall_phone.after_first_scan(surveys.log_of(ENDS_BEFORE_A_SCAN)).any()
+    assert not environment.after_first_scan(surveys.log_of(ENDS_BEFORE_A_SCAN)).any()
     shortest = sorted(task_lost().walks["train"], key=lambda walk: duration_s(walk))[:5]
-    assert all(mall_phone.after_first_scan(surveys.log_of(played_walks()[walk].walk.path)).any() for walk in shortest)
+    assert all(environment.after_first_scan(surveys.log_of(played_walks()[walk].walk.path)).any() for walk in shortest)
 
 
 def duration_s(walk: str) -> float:
@@ -160,7 +159,7 @@ def scan_of(readings: Any) -> bytes:
 
 def put(folder: Path, source: Path, paths: list[str]) -> None:
     """Copies some files of the set, and every plan."""
-    plans = [path for path in surveys.files() if Path(path).name in mall_phone.PLAN_FILES]
+    plans = [path for path in surveys.files() if Path(path).name in environment.PLAN_FILES]
     for path in (*paths, *plans):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(source / path, folder / path)
@@ -220,22 +219,6 @@ def test_a_survey_is_parsed_once_and_again_where_its_cache_is_damaged(part: Path
     alone = parsed.radio_map(paths[2:3])
     np.testing.assert_array_equal(alone.xy_m, parsed.scan_xy_m(paths[2:3]))
     assert len(alone.access_point) == parsed.readings[2] and set(alone.walk.tolist()) == {0}
-
-
-@pytest.mark.data
-def test_scans_are_those_of_the_first_version(full: Path, data_root: Path) -> None:
-    """A walk that both sets hold makes the same part of a survey."""
-    if not (data_root / "ilc20").is_dir():
-        pytest.skip("ilc20 is not under PDRBENCH_DATA")
-    both = {walk.path.removesuffix(".xz") for walk in walks()}
-    file = next(
-        f for f in mall_phone._mall_of_table().files if f.path.removesuffix(".gz") in both and f.role == "train"
-    )
-    before = mall_phone._survey_walk(file)
-    path = file.path.removesuffix(".gz") + ".xz"
-    (now,) = [surveys.scans_of((path,))]
-    np.testing.assert_array_equal(now.xy_m, before.xy_m)
-    np.testing.assert_array_equal(np.column_stack([now.access_point, now.rssi_dbm, now.age_s]), before.readings)
 
 
 @pytest.mark.data

@@ -17,7 +17,7 @@ class Ahead:
     def step(self, observation):
         return Estimate(self.start.xy_m + np.array([self.x_m, 0.0]), self.start.level)
 """
-ENV = ("--env", "OfficeStride-v0", "--isolation", "none")
+ENV = ("--env", "OfficeStride-v2", "--isolation", "none")
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_the_left_out_figure_and_the_parameters_to_use(command: Any, spec: str, 
     ("arguments", "said"),
     [
         (("tune", "stay-v0", *ENV, "--param", "x_m"), "--param is NAME=VALUE"),
-        (("run", "stay-v0", "OfficeStride-v0", "--folds", "3", "--split", "val"), "folds are parts of the train split"),
+        (("run", "stay-v0", "OfficeStride-v2", "--folds", "3", "--split", "val"), "folds are parts of the train split"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(command: Any, arguments: tuple[object, ...], said: str) -> None:

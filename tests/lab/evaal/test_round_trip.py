@@ -65,9 +65,9 @@ def test_strides_and_degrees_go_through_as_well(stride_task, serve) -> None:
 @pytest.mark.parametrize(
     ("localizer", "env"),
     [
-        pytest.param("stay-v0", "OfficeStride-v0", marks=pytest.mark.long(seconds=5)),
-        ("dead_reckoning-v0", "OfficeStride-v0"),
-        pytest.param("wifi_knn-v0", "OfficePhone-v0", marks=pytest.mark.long),
+        pytest.param("stay-v0", "OfficeStride-v2", marks=pytest.mark.long(seconds=5)),
+        ("dead_reckoning-v0", "OfficeStride-v2"),
+        pytest.param("wifi_knn-v0", "OfficePhone-v1", marks=pytest.mark.long),
     ],
 )
 def test_a_served_environment_gives_the_scores_of_evaluate(localizer, env, serve) -> None:

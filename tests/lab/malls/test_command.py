@@ -82,7 +82,7 @@ def test_faults_of_plans_are_counted_and_no_test_walk_is_named(full: None, comma
 
 @pytest.mark.data
 def test_with_its_own_session_a_survey_has_the_other_walks_of_that_and_no_more(full: None) -> None:
-    task, other = make_task("MallPhone-v1"), make_task(f"{own_session.__file__}:known")
+    task, other = make_task("MallPhone-v2"), make_task(f"{own_session.__file__}:known")
     walk = max(task.split("val"), key=lambda walk: len(others(walk)))
     recording = task.load(walk)
     without, within = task.radio_map(recording), other.radio_map(other.load(walk))

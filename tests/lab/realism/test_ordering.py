@@ -1,4 +1,4 @@
-"""The order of localizers: the task is `MallPhone-v1` in all but its walks."""
+"""The order of localizers: the task is `MallPhone-v2` in all but its walks."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _values(errors: dict[str, list[float]]) -> dict[str, FloatArray]:
 @pytest.mark.data
 @pytest.mark.long(seconds=90)
 def test_recorded_walks_of_val(data_root: Path) -> None:
-    """The mean errors are those that `compare` prints for `MallPhone-v1`."""
+    """The mean errors are those that `compare` prints for `MallPhone-v2`."""
     if not (data_root / "ilc20_full").is_dir():
         pytest.skip("ilc20_full is not under PDRBENCH_DATA")
     registered_task.cache_clear()

@@ -91,7 +91,7 @@ def test_the_experiments_of_a_seed_follow_one_another_and_what_is_timed_comes_la
 def test_other_recordings_are_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def keys() -> tuple[str, str]:
         registered_task.cache_clear()  # a new process
-        experiments = Experiment("loops", "m:f", 1, 1, envs=("FootLoops-v0",)), Experiment("steps", "m:f", 1, 1)
+        experiments = Experiment("loops", "m:f", 1, 1, envs=("FootLoops-v1",)), Experiment("steps", "m:f", 1, 1)
         recorded, synthetic = plan_experiments(experiments, {"loops": 1, "steps": 1}, ())
         return recorded.key, synthetic.key
 

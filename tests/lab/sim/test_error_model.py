@@ -32,7 +32,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[str, ...]]]:
 def test_a_table_beside_the_figures_of_note_1(command: Command, asked: list[object]) -> None:
     done = command("error-model")
     assert done.code == 0
-    assert asked == [("literal", ("FootVicon-v0", "FootWalks-v0"))]
+    assert asked == [("literal", ("FootVicon-v1", "FootWalks-v1"))]
     line = next(line for line in done.out.splitlines() if line.strip().startswith("length_bias "))
     assert line.split()[-3:] == ["635", "-1.9", "%"]
     assert "test-9538f964 left out: fewer than 8" in done.err
@@ -40,9 +40,9 @@ def test_a_table_beside_the_figures_of_note_1(command: Command, asked: list[obje
 
 def test_json_is_the_file(command: Command, asked: list[object], tmp_path: Path) -> None:
     file = tmp_path / "errors.json"
-    done = command("error-model", "--json", "--filter", "adaptive", "--env", "FootWalks-v0", "--out", file)
+    done = command("error-model", "--json", "--filter", "adaptive", "--env", "FootWalks-v1", "--out", file)
     assert done.code == 0
-    assert asked == [("adaptive", ("FootWalks-v0",))]
+    assert asked == [("adaptive", ("FootWalks-v1",))]
     assert done.json["errors"]["length_bias"] == StrideErrors.read(file).length_bias
     assert [row["name"] for row in done.json["statistics"]] == [row.name for row in read_error_file(file).statistics]
     assert str(tmp_path) not in file.read_text("utf-8")
@@ -79,5 +79,5 @@ def test_the_same_bytes_twice(command: Command, data_root: Path, tmp_path: Path)
     registered_task.cache_clear()
     files = [tmp_path / "one.json", tmp_path / "two.json"]
     for file in files:
-        assert command("error-model", "--env", "FootWalks-v0", "--out", file).code == 0
+        assert command("error-model", "--env", "FootWalks-v1", "--out", file).code == 0
     assert files[0].read_bytes() == files[1].read_bytes()

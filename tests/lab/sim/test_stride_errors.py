@@ -234,7 +234,7 @@ def test_without_heights_there_is_no_height_error_and_few_walks_have_no_interval
 def test_wrong_names_are_refused() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'literal'"):
         measure_errors("literally")
-    with pytest.raises(UnknownNameError, match="FootVicon-v0"):
+    with pytest.raises(UnknownNameError, match="FootVicon-v1"):
         measure_errors("literal", ["FootVicon-v1"])
 
 
@@ -269,13 +269,13 @@ def test_walks_without_information_are_named(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(module, "make_task", lambda name: Task)
     monkeypatch.setattr(module, "walk_errors", errors_of)
-    file = measure_errors("literal", ["FootVicon-v0"])
+    file = measure_errors("literal", ["FootVicon-v1"])
     assert file.sources[0].num_walks == 1
     assert set(file.sources[0].left_out) == {"b", "c", "d"}
     assert file.settings["clipped_rate_radps"] is None  # infinite
     came["a"] = few
-    with pytest.raises(RecordingError, match=r"no walk of FootVicon-v0 can be used \(a run.*; fewer.*never rests"):
-        measure_errors("literal", ["FootVicon-v0"])
+    with pytest.raises(RecordingError, match=r"no walk of FootVicon-v1 can be used \(a run.*; fewer.*never rests"):
+        measure_errors("literal", ["FootVicon-v1"])
 
 
 def assert_agree(stated: Mapping[str, Any], now: Mapping[str, Any]) -> None:

@@ -142,14 +142,14 @@ def test_a_set_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> No
 def test_localizers_and_environments_use_different_sets() -> None:
     """Of what comes with pdrbench: the prior of `woodman2008_drift-v1` is that of a set that is not in the law."""
     from pdrbench_baselines.woodman2008 import localizer
-    from pdrbench_envs.office_stride import LATEST
+    from pdrbench_envs.office_stride import stride_errors
 
     file = read_error_file(FITTED)
     by_name = {row.name: row.value for row in file.statistics}
     assert by_name["foot_dual: length_bias"] == localizer.DUAL_LENGTH_BIAS
     assert by_name["foot_dual: drift_deg_rms"] == localizer.DUAL_DRIFT_RMS_DEG
     assert module.PRIOR_SET not in module.SETS
-    assert LATEST.errors() == StrideErrors.read(FITTED)
+    assert stride_errors() == StrideErrors.read(FITTED)
     assert [source.dataset for source in file.sources] == [*module.SETS, module.PRIOR_SET]
 
 

@@ -1,7 +1,7 @@
 """Windows of walks for training: simulated people with phones of every kind, the `train` walks of the malls, and sets.
 
 Sources are those of `learned.data`: people who walk for training only, the way between surveyed places of
-`MallPhone-v1` train reckoned from steps, and public sets in a folder, whose people of the test part are left out.
+`MallPhone-v2` train reckoned from steps, and public sets in a folder, whose people of the test part are left out.
 No `val` and no `test` walk of an environment is read here.
 """
 
@@ -29,7 +29,7 @@ PEOPLE: Final = "people"
 MALL: Final = "mall"
 SETS: Final = "sets"
 KINDS: Final = (PEOPLE, MALL, SETS)
-ENVIRONMENT: Final = "MallPhone-v1"
+ENVIRONMENT: Final = "MallPhone-v2"
 EVERY: Final = 10  # samples between the beginnings of windows, as of both papers
 USED: Final = ("accel", "gyro", "rotation")
 

@@ -24,6 +24,7 @@ from pdrbench.inertial import GENTLE, AdaptiveStepParams, find_adaptive_steps, f
 from pdrbench.inertial.adaptive_steps import choose_steps, find_waves
 from pdrbench.sensors.checks import rate_of
 from pdrbench_lab.papers.li2012 import steps as walks
+from pdrbench_lab.readers import phone_steps
 from pdrbench_lab.reproduce.reproduction import (
     Claim,
     Experiment,
@@ -39,7 +40,6 @@ from pdrbench_sim.people.strides import stances
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.phone.gait import CLOSING_S
 from pdrbench_sim.phone.phone import phone_motion
-from pdrbench_sim.readers import phone_steps
 
 GRID: Final[dict[str, tuple[Any, ...]]] = {
     "fraction": (0.25, 0.3, 0.35),

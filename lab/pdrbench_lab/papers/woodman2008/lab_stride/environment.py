@@ -14,7 +14,7 @@ from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import Task
 from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
-from pdrbench_envs.office_stride import PERIOD_S, fitted, record_strides, stride_recording
+from pdrbench_envs.office_stride import PERIOD_S, record_strides, stride_recording
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -99,7 +99,7 @@ def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     split, index = WALKS.place_of(walk)
     building, person, rests = _walk(split, index)
-    rows, reference = record_strides(building, rests, WALKS.rng(split, _ERRORS, index), fitted())
+    rows, reference = record_strides(building, rests, WALKS.rng(split, _ERRORS, index))
     return stride_recording(walk, building, person, rows, reference)
 
 

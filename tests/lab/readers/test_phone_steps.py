@@ -10,7 +10,7 @@ import pytest
 
 from pdrbench.errors import RecordingError
 from pdrbench.sensors import sensor_spec
-from pdrbench_sim.readers import phone_steps
+from pdrbench_lab.readers import phone_steps
 
 BEGIN_NS = 590_421_164_192_468
 SECONDS = 12.0

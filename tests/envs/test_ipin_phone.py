@@ -1,4 +1,4 @@
-"""Ipin2023Phone-v0: routes parted, walks begun at their first landmark, a survey of other routes."""
+"""IpinPhone-v1: routes parted, walks begun at their first landmark, a survey of other routes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 from pdrbench.errors import DatasetError
 from pdrbench.registry import make_task
-from pdrbench_envs import ipin2023_phone
+from pdrbench_envs import ipin_phone
 
-ENV = "Ipin2023Phone-v0"
+ENV = "IpinPhone-v1"
 
 
 def test_it_can_be_listed_without_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -27,7 +27,7 @@ def test_it_can_be_listed_without_data(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 @pytest.mark.data
 def test_a_walk_begins_at_its_first_landmark(data_root: Path) -> None:
-    if not (data_root / ipin2023_phone.DATASET).is_dir():
+    if not (data_root / ipin_phone.DATASET).is_dir():
         pytest.skip("ipin2023_track3 not found")
     task = make_task(ENV)
     walk = task.load("val-23-01")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench_sim.readers.foot_dual import PLACES, read
+from pdrbench_lab.readers.foot_dual import PLACES, read
 
 
 def write(folder: Path, indices: range = range(20)) -> Path:

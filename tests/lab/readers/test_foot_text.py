@@ -12,7 +12,7 @@ import pytest
 
 from pdrbench.errors import RecordingError
 from pdrbench.sensors import sensor_spec
-from pdrbench_sim.readers import foot_loops, foot_short
+from pdrbench_lab.readers import foot_loops, foot_short
 
 NUM_SAMPLES = 300
 TICKS = 78_720

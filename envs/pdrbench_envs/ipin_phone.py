@@ -1,4 +1,4 @@
-"""`Ipin2023Phone-v0`: recorded phone walks between surveyed landmarks of a museum, from the IPIN 2023 competition.
+"""`IpinPhone-v1`: recorded phone walks between surveyed landmarks of a museum, from the IPIN 2023 competition.
 
 Data: training logs of Track 3 (smartphone, off-site), registered as `ipin2023_track3`. The licence is not confirmed, so
 no log travels with pdrbench.
@@ -22,7 +22,7 @@ from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_formats.recordings import getsensordata
 from pdrbench_formats.taskfile.survey import begun_at_first_place, radio_map_of
 
-ENV: Final = "Ipin2023Phone-v0"
+ENV: Final = "IpinPhone-v1"
 DATASET: Final = "ipin2023_track3"
 PERIOD_S: Final = 0.5  # as the competition asks for estimates
 CAPACITY: Final = {"accel": 64, "gyro": 128, "mag": 64, "rotation": 64, "baro": 16, "wifi": 128, "ble": 64}

@@ -1,0 +1,1 @@
+"""Readers of recorded sets that only the laboratory plays or fits to."""
