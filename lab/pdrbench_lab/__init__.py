@@ -85,7 +85,6 @@ BENCHES = {
     "phone": "pdrbench_lab.papers.li2012.bench:run",
     "processes": "pdrbench_lab.speed.processes:run",
     "radio": "pdrbench_lab.papers.frank2009.bench:run",
-    "readers": "pdrbench_lab.speed.readers:run",
     "simulate": "pdrbench_lab.speed.simulate:run",
 }
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pdrbench_formats.samples import make_walk
+from recording_samples import make_walk
 
 
 @pytest.fixture(scope="session")

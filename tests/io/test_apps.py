@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recording_samples as samples
 
 from pdrbench.errors import PdrbenchError, RecordingError
 from pdrbench.io.reader import head_of
-from pdrbench_formats import READERS, samples
+from pdrbench_formats import READERS
 from pdrbench_formats.recordings.apps import app_names, reader_of
 
 Rows = dict[str, np.ndarray]

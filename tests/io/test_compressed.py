@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 import pytest
+import recording_samples as samples
+from recording_samples import SAMPLES, Rows
 
 from pdrbench.errors import RecordingError
 from pdrbench.io import compressed
 from pdrbench.io.container import open_container
 from pdrbench.io.detect import detect, read
-from pdrbench_formats import samples
-from pdrbench_formats.samples import SAMPLES, Rows
 
 COMPRESS: Final = {".gz": gzip.compress, ".xz": lzma.compress, ".bz2": bz2.compress}
 BINARY: Final = ("ros", "ronin")

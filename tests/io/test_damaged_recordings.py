@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recording_samples as samples
+from recording_samples import SAMPLES
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.detect import detect, read
-from pdrbench_formats import samples
-from pdrbench_formats.samples import SAMPLES
 
 Rows = dict[str, np.ndarray]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recording_samples as samples
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.detect import detect, read
-from pdrbench_formats import samples
 
 Rows = dict[str, np.ndarray]
 

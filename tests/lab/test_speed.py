@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from pdrbench_lab.speed import environment, evaluation, processes, readers
+from pdrbench_lab.speed import environment, evaluation, processes
 from pdrbench_lab.speed.timing import Timing, median_s
 
 
@@ -35,12 +35,6 @@ def test_a_row_has_json_types_only() -> None:
 def checked(rows: list[Timing]) -> dict[str, Timing]:
     assert all(row.value > 0 and (row.ratio is None or (row.ratio > 0 and row.against)) for row in rows)
     return {row.name: row for row in rows}
-
-
-def test_the_bench_of_readers_has_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readers, "QUICK", 0.01)
-    rows = checked(readers.run(True, lambda line: None))
-    assert {"getsensordata", "sensor logger, iOS", "sensor logger, JSON", "phyphox", "csv"} < set(rows)
 
 
 def test_the_bench_of_environments_has_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates, Trajectory
 from pdrbench_formats.replays import plan_replay, replay, write_replay
-from pdrbench_formats.replays.page import STEPS, page_data, replay_page
+from pdrbench_formats.replays.page import MAX_DOTS_IN_ALL, STEPS, max_dots_of_page, page_data, replay_page
 from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay, errors_at, shown_reference
 
 NASTY = '</script><b>&"walk"'
@@ -282,7 +282,7 @@ def test_long_walks_have_six_hundred_frames_by_default(
     assert len(plan_replay(result, to_s=100.0)) == 101  # one a second
     shown = plan_replay(result, every=1)
     assert len(shown) == count
-    assert replay.max_dots_of_page(count) * count <= replay.MAX_DOTS_IN_ALL
+    assert max_dots_of_page(count) * count <= MAX_DOTS_IN_ALL
 
 
 def test_the_reference_is_joined_by_straight_lines() -> None:

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import importlib.resources
 import math
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import WALL, Building
+from pdrbench.errors import ResultError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture import PLAN, exploded_view, floor_height_m, level_height_m
 from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.plan import FLOOR_COLOURS, RISER_COLOUR, TREAD_COLOUR, WALL_COLOUR, is_stairs
 from pdrbench.report.pages import render
 from pdrbench.report.walks import bounds_to_show
-from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay
+from pdrbench_formats.replays.replay import MAX_DOTS, ReplayFrame, WalkReplay
 
 STEPS: Final = 65_535  # of a coordinate: 2 mm in a building of 130 m
 ZERO_WEIGHT: Final = 128  # added to the place of the level in the list of levels
@@ -30,8 +34,45 @@ DIGITS: Final = 3  # millimetres
 
 NO_POLYGONS: Final[dict[str, list[Any]]] = {"rings": [], "risers": [], "treads": [], "walls": []}
 
+MAX_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
+
+Advance = Callable[[], None]
 Rows = list[list[float | None]]
 PACKAGE: Final = "pdrbench_formats.replays"  # that holds the templates
+
+
+def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance: Advance = lambda: None) -> Path:
+    """Writes a page (`.html`), whole or not at all. The reference is read as by `score`.
+
+    Args:
+        replay: From `plan_replay`.
+        path: Replaced where it exists.
+        strict: As for `retrace`.
+        advance: Called after every frame.
+
+    Raises:
+        ResultError: No such format, a place that cannot be written, or answers that are not the stored ones.
+    """
+    path = path.absolute()  # a localizer may change the working folder
+    if path.suffix != ".html":
+        raise ResultError(f"{path}: a replay is a page, .html; got {path.suffix or 'no suffix'!r}")
+    shots = _counted(replay.shots(max_dots_of_page(len(replay)), strict=strict), advance)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        temporary.touch()
+        temporary.write_text(replay_page(replay, shots), encoding="utf-8", newline="\n")
+        temporary.replace(path)
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    return path
+
+
+def max_dots_of_page(num_frames: int) -> int:
+    """Particles of each frame of a page."""
+    return min(MAX_DOTS, max(1, MAX_DOTS_IN_ALL // num_frames))
 
 
 def replay_page(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> str:
@@ -182,3 +223,9 @@ def _flat(values: FloatArray) -> list[Any]:
 def _base64(parts: Sequence[NDArray[Any]], kind: str) -> str:
     joined = np.concatenate([part.ravel() for part in parts]) if parts else np.zeros(0)
     return base64.b64encode(joined.astype(kind).tobytes()).decode()
+
+
+def _counted(shots: Iterator[ReplayFrame], advance: Advance) -> Iterator[ReplayFrame]:
+    for shot in shots:
+        yield shot
+        advance()

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -28,9 +26,6 @@ FPS: Final = 10  # frames a second
 FRAME_S: Final = 1.0  # of the walk between two frames, by default
 MAX_FRAMES: Final = 600  # by default
 MAX_DOTS: Final = 3000  # a frame of a page
-MAX_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
-
-Advance = Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,42 +159,6 @@ def plan_replay(
     return WalkReplay(result, task.load(result.walk), index, every, task.period_s, fps)
 
 
-def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance: Advance = lambda: None) -> Path:
-    """Writes a page (`.html`), whole or not at all. The reference is read as by `score`.
-
-    Args:
-        replay: From `plan_replay`.
-        path: Replaced where it exists.
-        strict: As for `retrace`.
-        advance: Called after every frame.
-
-    Raises:
-        ResultError: No such format, a place that cannot be written, or answers that are not the stored ones.
-    """
-    from pdrbench_formats.replays.page import replay_page
-
-    path = path.absolute()  # a localizer may change the working folder
-    if path.suffix != ".html":
-        raise ResultError(f"{path}: a replay is a page, .html; got {path.suffix or 'no suffix'!r}")
-    shots = _counted(replay.shots(max_dots_of_page(len(replay)), strict=strict), advance)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        temporary.touch()
-        temporary.write_text(replay_page(replay, shots), encoding="utf-8", newline="\n")
-        temporary.replace(path)
-    except OSError as error:
-        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-    return path
-
-
-def max_dots_of_page(num_frames: int) -> int:
-    """Particles of each frame of a page."""
-    return min(MAX_DOTS, max(1, MAX_DOTS_IN_ALL // num_frames))
-
-
 def shown_reference(reference: Trajectory, t_s: FloatArray) -> FloatArray:
     """(N, 3) `x_m, y_m, level` at `t_s` (N,) as `reference_at`; NaN before the first and after the last position."""
     rows = reference_at(reference, t_s)
@@ -229,9 +188,3 @@ def errors_at(estimates: Estimates, reference: Trajectory, t_s: FloatArray) -> t
     error_m[known] = distance_m[row[known]]
     is_level_right[known] = (held.level == reference.level)[row[known]]
     return error_m, is_level_right
-
-
-def _counted(shots: Iterator[ReplayFrame], advance: Advance) -> Iterator[ReplayFrame]:
-    for shot in shots:
-        yield shot
-        advance()

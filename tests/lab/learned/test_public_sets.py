@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recording_samples as samples
 
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench_baselines.learned.signals import turned
-from pdrbench_formats import samples
 from pdrbench_lab.learned.people import train_bearer
 from pdrbench_lab.learned.public_sets import in_phone_frame, load, public_walks, recordings_of
 

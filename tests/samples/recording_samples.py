@@ -1,6 +1,6 @@
 """One walk of a phone whose motion is known, written as each app, device and data set writes it.
 
-The benches, the tests and the fuzzer of the readers take their files from here. Nothing of it was recorded.
+The tests and the fuzzer of the readers take their files from here. Nothing of it was recorded.
 """
 
 from __future__ import annotations
