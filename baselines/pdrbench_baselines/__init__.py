@@ -1,9 +1,13 @@
-"""The localizers of pdrbench, one file each, and the claims of their papers.
+"""The localizers of pdrbench, one file or folder each.
 
 The tables hold strings only, so that nothing is imported early.
 """
 
 LOCALIZERS = {
+    "fusion": "pdrbench_baselines.fusion.localizer:Fusion",
+    "learned": "pdrbench_baselines.learned.localizer:Learned",
+    "learned_map": "pdrbench_baselines.learned.localizer:LearnedMap",
+    "viterbi_map": "pdrbench_baselines.viterbi_map.localizer:ViterbiMap",
     "dead_reckoning-v0": "pdrbench_baselines.dead_reckoning:DeadReckoning",
     "foot_ins-v0": "pdrbench_baselines.foot_ins.localizer:literal",
     "foot_ins_adaptive-v0": "pdrbench_baselines.foot_ins.localizer:adaptive",
@@ -18,23 +22,10 @@ LOCALIZERS = {
     "foot_ins_smooth-v2": "pdrbench_baselines.foot_ins.localizer:reweighted_smoothed",
     "frank2009-v0": "pdrbench_baselines.frank2009.localizer:Frank2009",
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
-    "fusion-v0": "pdrbench_baselines.fusion.localizer:Fusion",
-    "fusion-v1": "pdrbench_baselines.fusion.localizer:weighed",
-    "fusion-v2": "pdrbench_baselines.fusion.localizer:lean",
-    "fusion_smooth-v0": "pdrbench_baselines.fusion.localizer:smoothed",
-    "fusion_smooth-v1": "pdrbench_baselines.fusion.localizer:weighed_smoothed",
-    "fusion_smooth-v2": "pdrbench_baselines.fusion.localizer:lean_smoothed",
     "gp_wifi-v0": "pdrbench_baselines.gp_wifi.localizer:GpWifi",
     "koeping2012-v0": "pdrbench_baselines.koeping2012.localizer:Koeping2012",
     "koeping2012_heading-v0": "pdrbench_baselines.koeping2012.heading:Koeping2012Heading",
     "koeping2012_smooth-v0": "pdrbench_baselines.koeping2012.localizer:smoothed",
-    "learned-v0": "pdrbench_baselines.learned.localizer:Learned",
-    "learned-v1": "pdrbench_baselines.learned.localizer:retrained",
-    "learned-v2": "pdrbench_baselines.learned.localizer:transferred",
-    "learned_map-v0": "pdrbench_baselines.learned.localizer:LearnedMap",
-    "learned_map-v1": "pdrbench_baselines.learned.localizer:retrained_map",
-    "learned_map-v2": "pdrbench_baselines.learned.localizer:transferred_map",
-    "learned_map_smooth-v1": "pdrbench_baselines.learned.localizer:smoothed_map",
     "li2012-v0": "pdrbench_baselines.li2012.localizer:Li2012",
     "li2012_bias-v0": "pdrbench_baselines.li2012.localizer:heading_bias_learned",
     "li2012_generic-v0": "pdrbench_baselines.li2012.localizer:generic",
@@ -44,8 +35,6 @@ LOCALIZERS = {
     "li2012_smooth-v0": "pdrbench_baselines.li2012.localizer:smoothed",
     "oracle-v0": "pdrbench_baselines.oracle:Oracle",
     "stay-v0": "pdrbench_baselines.stay:Stay",
-    "viterbi_map-v0": "pdrbench_baselines.viterbi_map.localizer:ViterbiMap",
-    "viterbi_map_smooth-v0": "pdrbench_baselines.viterbi_map.localizer:smoothed",
     "wifi_knn-v0": "pdrbench_baselines.wifi_knn:WifiKnn",
     "wlan_frank2009-v0": "pdrbench_baselines.frank2009.localizer:WlanFrank2009",
     "wlan_frank2009_penalised-v0": "pdrbench_baselines.frank2009.localizer:penalised",
@@ -53,6 +42,12 @@ LOCALIZERS = {
     "woodman2008_drift-v0": "pdrbench_baselines.woodman2008.localizer:drift_learned",
     "woodman2008_drift-v1": "pdrbench_baselines.woodman2008.localizer:drift_prior_elsewhere",
     "woodman2008_smooth-v0": "pdrbench_baselines.woodman2008.localizer:smoothed",
+}
+
+LOCALIZERS |= {  # former ids
+    "fusion_smooth": "renamed:fusion",
+    "learned_map_smooth": "renamed:learned_map",
+    "viterbi_map_smooth": "renamed:viterbi_map",
 }
 
 WARM_UPS = {

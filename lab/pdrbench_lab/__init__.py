@@ -38,15 +38,14 @@ ENVIRONMENTS = {
 }
 
 LOCALIZERS = {
-    "factor_graph-v0": "pdrbench_lab.factor_graph.localizer:FactorGraph",
-    "factor_graph_smooth-v0": "pdrbench_lab.factor_graph.localizer:smoothed",
+    "factor_graph": "pdrbench_lab.factor_graph.localizer:FactorGraph",
     "foot_ins_lstm-v0": "pdrbench_lab.learned.zero_velocity:FootInsLstm",
     "foot_pair-v0": "pdrbench_lab.foot_ins.pair:FootPair",
     "foot_pair-v1": "pdrbench_lab.foot_ins.pair:reweighted_pair",
     "footslam-v0": "pdrbench_lab.footslam.localizer:FootSlam",
     "footslam_nomap-v0": "pdrbench_lab.footslam.localizer:without_map",
     "footslam_smooth-v0": "pdrbench_lab.footslam.localizer:smoothed",
-    "magnetic-v0": "pdrbench_lab.magnetic.localizer:Magnetic",
+    "magnetic": "pdrbench_lab.magnetic.localizer:Magnetic",
     "ronin-v0": "pdrbench_lab.learned.odometry.localizer:ronin",
     "step_count-v0": "pdrbench_lab.step_count:StepCount",
     "step_count-v1": "pdrbench_lab.step_count:adaptive",

@@ -18,7 +18,7 @@ from pdrbench.geometry import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class CompassParams:
-    """Errors of the mean of a compass, in rad; see docs/fusion.md.
+    """Errors of the mean of a compass, in rad; see the notebook on fusion.
 
     Attributes:
         sigma_rad: Their standard deviation on a long walk.

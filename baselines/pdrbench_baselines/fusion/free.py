@@ -24,7 +24,7 @@ LEAST: Final = 1.0 / 3.0  # of the particles; where fewer count (1 / sum of squa
 
 @dataclass(frozen=True, slots=True)
 class FreeParams:
-    """Ours; see docs/fusion.md.
+    """Ours; see the notebook on fusion.
 
     Attributes:
         num_particles: That no wall stops.

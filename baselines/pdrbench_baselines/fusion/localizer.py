@@ -1,9 +1,9 @@
-"""`fusion-v0` to `-v2`: everything a phone and a survey give, in one filter with a cloud for every level."""
+"""`fusion`: everything a phone and a survey give, in one filter with a cloud for every level."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap
 from pdrbench.trajectory import Start
@@ -23,13 +22,13 @@ from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.fusion.free import FreeCloud
-from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
-from pdrbench_baselines.fusion.params import FUSION_V0, FUSION_V1, FUSION_V2, FusionParams, ScanParams
+from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
-from pdrbench_baselines.learned.compiled import compiled_network
-from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, debug_of, motion_of, stored
+from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
+from pdrbench_baselines.learned.localizer import debug_of, motion_of, stored
+from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner, WindowNetwork
 from pdrbench_baselines.learned.signals import turned
 
@@ -45,42 +44,37 @@ class Hypothesis:
     follows_levels: bool  # by changes of pressure; else the plan says how particles get to other levels
 
 
-class Fusion(Learned):
-    """Displacements of `learned-v2` on the map, a radio map that extrapolates, and a cloud for every level.
+class Fusion(NetworkLocalizer):
+    """Displacements of `learned` on the map, a radio map that extrapolates, and a cloud for every level.
 
-    Needs what `learned_map-v2` needs, and takes the same sensors. Where the start is not known, the first scan puts a
-    cloud on every level that the map does not join, by the radio map of `gp_wifi-v0`; each scan says how likely each
-    cloud is, and the answer is that of the likeliest. `revise` gives the past by lines through its clouds.
+    Needs what `learned_map` needs, and takes the same sensors. Where the start is not known, the first scan puts a
+    cloud on every level that the map does not join, by the radio map of `gp_wifi`; each scan says how likely each
+    cloud is, and the answer is that of the likeliest: the mean of its particles where the start is known, else their
+    geometric median. `revise` gives the past by lines through its clouds.
 
     Args:
-        params: `FusionParams` or some of its fields.
-        smooths: Whether the past is revised when the walk is over (offline division).
-        defaults: What they change.
+        params: See `FusionParams`.
     """
 
-    def __init__(
-        self,
-        params: FusionParams | Mapping[str, Any] | None = None,
-        *,
-        smooths: bool = False,
-        defaults: FusionParams = FUSION_V0,
-    ) -> None:
-        self._own, self._smooths = merged(defaults, params, "fusion"), smooths
-        super().__init__(None, defaults=TRANSFERRED, load=compiled_network if self._own.is_lean else None)
+    def __init__(self, params: FusionParams = FUSION) -> None:
+        super().__init__()
+        self._own = params
         self._radio: RadioEvidence | None = None
         self._free: FreeCloud | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if briefing.building is None:
-            raise UnsuitableError("needs a map; this environment has none, learned-v2 goes without")
-        self._begin(briefing)
+            raise UnsuitableError("needs a map; this environment has none, learned goes without")
+        own, start = self._own, briefing.start
+        is_known_phone = start is not None and carrier_of(briefing.mounting) == PHONE
+        factor = own.interpolated_length_factor if is_known_phone and _is_interpolated(briefing.radio_map) else 1.0
+        self._begin(briefing, factor, own.companions if is_known_phone else ())
         self._building, self._rng = briefing.building, rng
-        self._radio, start = self._fitted(briefing), briefing.start
-        compass = self._own.compass if self._reckoner.has_compass else None
-        self._compass, self._map_params, self._free = None, self._own.map, None
-        if compass is not None:
-            self._compass = CompassMean(compass)
-            self._map_params = replace(self._own.map, bias_walk_rad=compass.walk_rad)
+        self._radio = self._fitted(briefing)
+        self._compass, self._map_params, self._free = None, own.map, None
+        if self._reckoner.has_compass:
+            self._compass = CompassMean(own.compass)
+            self._map_params = replace(own.map, bias_walk_rad=own.compass.walk_rad)
         self._hypotheses: list[Hypothesis] = []
         self._answers = BackwardSampler()
         self._start_is_known = start is not None
@@ -105,24 +99,23 @@ class Fusion(Learned):
         if self._has_level_changes and len(observation["level_change"]):
             self._change_levels(observation)
         estimate = self._estimate(observation.now_s)
-        return self._answers.answered(observation.now_s, estimate) if self._smooths else estimate
+        return self._answers.answered(observation.now_s, estimate) if self._own.revises else estimate
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; empty for the causal localizer.
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept.
 
         Answers of before the first cloud are those of its time.
         """
-        if not self._smooths or not self._hypotheses:
-            return self._answers.answers
+        if not self._own.revises or not self._hypotheses:
+            return None
         (rng,) = self._rng.spawn(1)
-        own = self._own
         _, factor = self._sigma_factors
         rows = self._best.past.revised(
             rng,
             claim=factor,
             answers=self._answers.answers,
-            num_lines=NUM_LINES if self._start_is_known else own.num_lines,
-            middle=geometric_median if self._takes_median else mean_of,
+            num_lines=NUM_LINES if self._start_is_known else self._own.num_lines,
+            middle=mean_of if self._start_is_known else geometric_median,
         )
         begins = int(np.searchsorted(rows[:, 0], self._best.past.begin_s))
         if begins < len(rows):
@@ -139,10 +132,6 @@ class Fusion(Learned):
             "offset_db": np.array(cloud.mean_offset_db),
             "evidence": np.array(1.0 / evidence.sum()),
         }
-
-    @property
-    def _takes_median(self) -> bool:
-        return self._own.takes_median and not self._start_is_known
 
     @property
     def _best(self) -> Hypothesis:
@@ -162,7 +151,7 @@ class Fusion(Learned):
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         cloud, own = self._best.cloud, self._own
         return Estimate(
-            xy_m=(cloud.median_m if self._takes_median else cloud.xy_m) + self._extrapolated_m(now_s),
+            xy_m=(cloud.xy_m if self._start_is_known else cloud.median_m) + self._extrapolated_m(now_s),
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=self._sigma_factors[0] * cloud.sigma_m,
@@ -172,25 +161,17 @@ class Fusion(Learned):
     def _extrapolated_m(self, now_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last second, by networks that are asked in between as well."""
         carried_m = super()._extrapolated_m(now_s)
-        since_s = min(now_s - self._end_s, self._params.carry_s)
+        since_s = min(now_s - self._end_s, self._carry_s)
         if not isinstance(self._reckoner, ContinuedReckoner) or since_s <= 0.0:
             return carried_m
         cloud = self._best.cloud
         return carried_m + cloud.mean_scale * turned(self._reckoner.turned_off_m(since_s), cloud.mean_bias_rad)
 
-    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing) -> Reckoner:
-        """Of the network of the carrier, and of its companions where the start of a phone is known."""
-        own = self._own
-        if carrier_of(briefing.mounting) != PHONE:
-            return super()._new_reckoner(network, briefing)
-        stand_logit, bridges = self._params.stand_logit, own.bridges_gaps
-        if not own.known_companions or briefing.start is None:
-            return Reckoner(network, briefing, stand_logit, bridges=bridges)
-        companions = [self._network(weights) for weights in own.known_companions]
-        length_factor = own.known_interpolated_length_factor if _is_interpolated(briefing.radio_map) else 1.0
-        return ContinuedReckoner(
-            network, briefing, stand_logit, companions, length_factor=length_factor, bridges=bridges
-        )
+    def _new_reckoner(
+        self, network: WindowNetwork, briefing: Briefing, companions: Sequence[WindowNetwork], length_factor: float
+    ) -> Reckoner:
+        kind = ContinuedReckoner if companions else Reckoner
+        return kind(network, briefing, companions, length_factor=length_factor)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
@@ -198,12 +179,11 @@ class Fusion(Learned):
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
         radio, own, scans, params = self._radio, self._own, self._scans_of(radio_map), self._own.radio
-        if briefing.start is not None and own.known_covers_floor:
+        if briefing.start is not None:  # a walk may lead anywhere on a surveyed level
             params = replace(params, field=replace(params.field, covers_floor=True))
         is_kept = radio is not None and radio.radio_map is radio_map and radio.building is self._building
         if radio is None or not is_kept or radio.params != params:
-            kind = LeanRadioEvidence if own.is_lean else RadioEvidence
-            radio = kind(radio_map, self._building, params, scans.map_error_m)
+            radio = RadioEvidence(radio_map, self._building, params, scans.map_error_m)
             if scans.fingerprint_trust or scans.known_fingerprint_trust:
                 radio.fingerprints = FingerprintEvidence(
                     radio_map, briefing.sensors["wifi"], own.fingerprints, radio.xy_m, radio.level
@@ -218,14 +198,17 @@ class Fusion(Learned):
         return self._own.surveyed if radio_map.surveyed else self._own.interpolated
 
     def _new_cloud(self, level: int) -> Cloud:
-        params = self._map_params
-        if self._compass is not None:
-            params = replace(params, bias_sigma_rad=self._compass.spread_rad)
-        return Cloud(self._building, self._rng.spawn(1)[0], params, level, self._radio)
+        return Cloud(self._building, self._rng.spawn(1)[0], self._cloud_params(), level, self._radio)
+
+    def _cloud_params(self) -> LearnedMapFilterParams:
+        """Of a cloud that begins now."""
+        if self._compass is None:
+            return self._map_params
+        return replace(self._map_params, bias_sigma_rad=self._compass.spread_rad)
 
     def _new_free(self, start: Start) -> FreeCloud | None:
         radio, compass, own = self._radio, self._compass, self._own
-        if own.free is None or compass is None or radio is None or radio.radio_map.surveyed:
+        if compass is None or radio is None or radio.radio_map.surveyed:
             return None
         sigma_m = max(self._map_params.start_sigma_m, start.radius_m / 2)
         (rng,) = self._rng.spawn(1)
@@ -236,7 +219,7 @@ class Fusion(Learned):
         if follows_levels:
             cloud.follow_levels(self._building, level)
         past = BackwardSampler(self._own.num_kept)
-        if self._smooths:
+        if self._own.revises:
             past.follow(stored(cloud, now_s), now_s)
         self._hypotheses.append(Hypothesis(cloud, past, follows_levels))
 
@@ -253,7 +236,7 @@ class Fusion(Learned):
                         self._free.turn(turn_rad, compass, gain)
                         self._free.move(move.move_m, move.covariance_m2)
                 each.cloud.move(move.move_m, move.covariance_m2)
-                if self._smooths:
+                if self._own.revises:
                     each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)
         if self._hypotheses:
             cloud = self._best.cloud
@@ -275,7 +258,7 @@ class Fusion(Learned):
             if self._free is not None:
                 self._free.weigh_by(log_likelihood, each.cloud.level, gain)
                 self._find(each.cloud, self._free)
-            if self._smooths:
+            if self._own.revises:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
@@ -304,14 +287,14 @@ class Fusion(Learned):
             if level in self._building.levels and level not in covered:
                 cloud = self._new_cloud(level)
                 covered |= cloud.levels
-                cloud.begin_over(self._own.first_trust * log_likelihood)
+                cloud.begin_over(log_likelihood)
                 self._add(cloud, level, now_s)
 
     def _change_levels(self, observation: Observation) -> None:
         for each in filter(lambda one: one.follows_levels, self._hypotheses):
             for _, levels, _, way in observation["level_change"].tolist():
                 each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
-            if self._smooths:
+            if self._own.revises:
                 each.past.amend(stored(each.cloud, observation.now_s))
         self._focus()
 
@@ -319,28 +302,3 @@ class Fusion(Learned):
 def _is_interpolated(radio_map: RadioMap | None) -> bool:
     """Whether there is a survey, and its places were interpolated instead of surveyed."""
     return radio_map is not None and not radio_map.surveyed
-
-
-def smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
-    """`fusion-v0` with its past revised when the walk is over (offline division)."""
-    return Fusion(params, smooths=True)
-
-
-def weighed(params: Mapping[str, Any] | None = None) -> Fusion:
-    """`fusion-v0` with fingerprints beside fields, and the geometric median as the answer."""
-    return Fusion(params, defaults=FUSION_V1)
-
-
-def weighed_smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
-    """`fusion-v1` with its past revised when the walk is over (offline division)."""
-    return Fusion(params, smooths=True, defaults=FUSION_V1)
-
-
-def lean(params: Mapping[str, Any] | None = None) -> Fusion:
-    """`fusion-v1` that fits and evaluates fields only where particles are, with a second network from a known start."""
-    return Fusion(params, defaults=FUSION_V2)
-
-
-def lean_smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
-    """`fusion-v2` with its past revised when the walk is over (offline division)."""
-    return Fusion(params, smooths=True, defaults=FUSION_V2)

@@ -1,4 +1,7 @@
-"""What a scan says of every place of a lattice, by the radio map of `gp_wifi-v0`."""
+"""What a scan says of every place of a lattice, by the radio map of `gp_wifi` and by fingerprints.
+
+Fields are fitted and evaluated only on levels, and with offsets of the device, that particles still have.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.recording import RadioMap
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
+from pdrbench_baselines.fusion.kernels import add_reading
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
@@ -21,14 +25,13 @@ BESIDE: Final = 1.5  # squares: so near to the lattice, a place has the likeliho
 
 
 class RadioEvidence:
-    """A radio survey, fitted; scans come in by `update`.
+    """A radio survey; scans come in by `update`.
 
     Args:
         radio_map: With one scan or more.
         building: Its floor is where the lattice is; without one that is around the survey.
         params: Of the radio map.
         error_m: By which the radio map is off, per axis: likelihoods are spread so far.
-        is_lazy: As `SignalMap`.
 
     Attributes:
         params: Of the radio map.
@@ -41,17 +44,9 @@ class RadioEvidence:
         floor: Nearest floor to places of the lattice, by the level of a map of one level and the place; clouds fill it.
     """
 
-    def __init__(
-        self,
-        radio_map: RadioMap,
-        building: Building | None,
-        params: GpWifiParams,
-        error_m: float,
-        *,
-        is_lazy: bool = False,
-    ) -> None:
+    def __init__(self, radio_map: RadioMap, building: Building | None, params: GpWifiParams, error_m: float) -> None:
         self.radio_map, self.building, self.params, self._error_m = radio_map, building, params, error_m
-        self._map = SignalMap(radio_map, building, params.field, is_lazy=is_lazy)
+        self._map = SignalMap(radio_map, building, params.field, is_lazy=True)
         self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
         self._reached: dict[int, FloatArray] = {}
@@ -70,41 +65,70 @@ class RadioEvidence:
     def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:
         """Begins another walk; likelihoods, and densities of `fingerprints`, are taken to these powers."""
         self._numbers = range(len(self._map.levels))  # of the levels on which scans are evaluated
+        self._offsets = np.arange(len(self.prior))
         self._sweeps, self._trust, self._fingerprint_trust = Sweeps(), trust, fingerprint_trust
         if self.fingerprints is not None:
             self.fingerprints.begin()
 
     def focus(self, levels: Collection[int], is_left: BoolArray) -> None:
-        """Takes note of levels and offsets (K,) that particles still have; here scans are evaluated for all."""
+        """Scans are evaluated on these levels and those between them, on all where none is surveyed, and under the
+        offsets (K,) that are left."""
+        on = np.flatnonzero(np.isin(self._map.levels, list(levels)))
+        if len(on):
+            self._numbers = range(int(on[0]), int(on[-1]) + 1)
+        self._offsets = np.flatnonzero(is_left)
 
     def update(self, rows: FloatArray) -> Iterator[FloatArray]:
-        """Log-likelihoods (N, K), up to a constant, of each scan among the next rows that the survey knows.
-
-        With fingerprints, those of all scans among the rows together.
-        """
-        if self.fingerprints is None or self._fingerprint_trust == 0.0:
-            yield from self._of_fields(rows)
+        """Log-likelihoods (N, K), up to a constant, of all scans among the next rows together; very low elsewhere."""
+        if not len(rows):
             return
-        total = np.zeros((len(self.xy_m), len(self.prior)))
+        places = slice(int(self._map.first[self._numbers[0]]), int(self._map.first[self._numbers[-1] + 1]))
+        total = np.zeros((places.stop - places.start, len(self._offsets)))
         for likelihood in self._of_fields(rows):
             total += likelihood
-        for density in self.fingerprints.update(rows):
-            total += self._fingerprint_trust * density[:, None]
+        if self.fingerprints is not None and self._fingerprint_trust > 0.0:
+            for density in self.fingerprints.update(rows, places):
+                total += self._fingerprint_trust * density[:, None]
         if np.ptp(total) > 0.0:
-            yield np.maximum(total - total.max(), MIN_LOG)
+            everywhere = np.full((len(self.level), len(self.prior)), MIN_LOG)
+            everywhere[places, self._offsets] = np.maximum(total - total.max(), MIN_LOG)
+            yield everywhere
+
+    def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
+        """(M,) which place of the lattice places (M, 2) on levels (M,) are at; -1 where that is none."""
+        found = np.full(len(xy_m), -1)
+        for one, (square, corner_m) in self._square.items():
+            here = np.flatnonzero(level == one)
+            if len(here):
+                row = np.floor((xy_m[here] - corner_m) / self.lattice_m).astype(np.int64)
+                inside = (row >= 0).all(axis=1) & (row < square.shape).all(axis=1)
+                found[here] = np.where(inside, square[tuple(np.clip(row, 0, np.array(square.shape) - 1).T)], -1)
+        return found
 
     def _of_fields(self, rows: FloatArray) -> Iterator[FloatArray]:
-        """(N, K) of each scan, by the fields of its access points; none where these are not trusted."""
+        """(n, k) of each scan at the places and under the offsets that are left; none where fields are not trusted."""
         if self._trust == 0.0:
             return
         for _, fresh, _ in self._sweeps.update(rows):
-            access_points, rssi_dbm = fresh[:, 1].astype(np.int64).tolist(), fresh[:, 2].tolist()
-            likelihood = self.params.log_likelihood(self._map, access_points, rssi_dbm, self.offset_db)
+            likelihood = self._likelihood(fresh)
             if np.ptp(likelihood) > 0.0:
-                yield self.spread(self._trust * likelihood)
+                yield self._spread(self._trust * likelihood)
 
-    def spread(self, log_likelihood: FloatArray) -> FloatArray:
-        """(N, K) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""
+    def _likelihood(self, fresh: FloatArray) -> FloatArray:
+        p, offset_db = self.params, self.offset_db[self._offsets]
+        access_points = fresh[:, 1].astype(np.int64)
+        readings = [(dbm, p.trust_of(dbm), *p.reported_of(dbm)) for dbm in fresh[:, 2].tolist()]
+        found = [np.zeros((size, len(offset_db))) for size in np.diff(self._map.first)[self._numbers]]
+        for number, part in zip(self._numbers, found, strict=True):
+            fields = self._map.prepare(access_points, number)
+            for one, (dbm, trust, reported, unexpected) in zip(fields, readings, strict=True):
+                if one is not None:
+                    odds, noise_db2 = reported / unexpected, p.field.noise_db**2
+                    add_reading(part, one.at, one.mean_dbm, one.variance_db2, dbm, offset_db, noise_db2, odds, trust)
+        return np.concatenate(found)
+
+    def _spread(self, log_likelihood: FloatArray) -> FloatArray:
+        """(n, k) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""
         likelihood = np.exp(log_likelihood - log_likelihood.max())
         first = self._map.first - self._map.first[self._numbers[0]]
         spread = np.concatenate(
@@ -114,7 +138,7 @@ class RadioEvidence:
         return spread_log
 
     def _around(self, number: int, value: FloatArray) -> FloatArray:
-        """(n, K) means of values (n, K) of the floor around each place of the level of that number."""
+        """(n, k) means of values (n, k) of the floor around each place of the level of that number."""
         x, y = self._map.row[slice(*self._map.first[number : number + 2])].T
         sigma = self._error_m / self.lattice_m, self._error_m / self.lattice_m, 0.0
 
@@ -127,14 +151,3 @@ class RadioEvidence:
         if number not in self._reached:
             self._reached[number] = filtered(np.ones((len(x), 1)))
         return filtered(value) / self._reached[number]
-
-    def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
-        """(M,) which place of the lattice places (M, 2) on levels (M,) are at; -1 where that is none."""
-        found = np.full(len(xy_m), -1)
-        for one, (square, corner_m) in self._square.items():
-            here = np.flatnonzero(level == one)
-            if len(here):
-                row = np.floor((xy_m[here] - corner_m) / self.lattice_m).astype(np.int64)
-                inside = (row >= 0).all(axis=1) & (row < square.shape).all(axis=1)
-                found[here] = np.where(inside, square[tuple(np.clip(row, 0, np.array(square.shape) - 1).T)], -1)
-        return found

@@ -1,4 +1,1 @@
-"""Stride and heading of a phone by a small neural network, trained here: `python -m pdrbench_baselines.learned`.
-
-`torch` and `safetensors` (extra `learned`) are imported by `model`, `weights` and `train` only.
-"""
+"""Stride and heading of a phone, or of a unit on a foot, by small neural networks in compiled code."""

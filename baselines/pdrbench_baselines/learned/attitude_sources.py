@@ -62,8 +62,8 @@ class PhoneSource:
     turn_rad: Final[float | None] = 0.0
     rise_m: Final = 0.0
 
-    def __init__(self, settles_s: float = 0.0) -> None:
-        self._steady = YawStabiliser(settles_s)
+    def __init__(self) -> None:
+        self._steady = YawStabiliser()
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Takes the next rows, finite, in the order of time; gives accel, gyro, rotation and compass.
@@ -80,7 +80,6 @@ class OwnAttitudeSource:
     Args:
         briefing: Gives the sensors, and the heading of the start. Without a magnetometer the yaw begins so that the top
             edge of the phone points there; without both the frame is that of the first attitude.
-        settles_s: See `YawStabiliser`.
 
     Attributes as of `PhoneSource`.
     """
@@ -88,12 +87,12 @@ class OwnAttitudeSource:
     min_rate_hz: Final = MIN_RATE_HZ
     rise_m: Final = 0.0
 
-    def __init__(self, briefing: Briefing, settles_s: float = 0.0) -> None:
+    def __init__(self, briefing: Briefing) -> None:
         has_field = "mag" in briefing.sensors
         self.sensors = ("accel", "gyro", "mag") if has_field else ("accel", "gyro")
         self._heading_rad = None if briefing.start is None or has_field else briefing.start.heading_rad
         self.turn_rad: float | None = 0.0 if self._heading_rad is None else None
-        self._attitude, self._steady = PhoneAttitude(), YawStabiliser(settles_s)
+        self._attitude, self._steady = PhoneAttitude(), YawStabiliser()
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Takes the next rows, finite, in the order of time; gives accel, gyro, rotation and, with a compass, that."""
@@ -239,20 +238,17 @@ def _steadied(steady: YawStabiliser, rotation: FloatArray, gyro: FloatArray) -> 
     return {"rotation": rotation, "compass": np.column_stack([rotation[:, 0], steady.means_rad])}
 
 
-def rows_of(
-    briefing: Briefing, own_attitude: bool = False, settles_s: float = 0.0
-) -> PhoneSource | OwnAttitudeSource | FootSource:
+def rows_of(briefing: Briefing, own_attitude: bool = False) -> PhoneSource | OwnAttitudeSource | FootSource:
     """What makes rows with an attitude of those that a briefing names.
 
     Args:
         briefing: Names them.
         own_attitude: Whether the attitude of a phone is computed where it reports none.
-        settles_s: Of a phone, see `YawStabiliser`.
     """
     if carrier_of(briefing.mounting) == PHONE:
         if own_attitude and "rotation" not in briefing.sensors:
-            return OwnAttitudeSource(briefing, settles_s)
-        return PhoneSource(settles_s)
+            return OwnAttitudeSource(briefing)
+        return PhoneSource()
     heading_rad = None if briefing.start is None else briefing.start.heading_rad
     accel = briefing.sensors.get("accel")
     return FootSource((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)

@@ -1,4 +1,4 @@
-"""The same networks in compiled code: a window in a fraction of a millisecond, without PyTorch.
+"""The networks in compiled code: a window in a fraction of a millisecond, without PyTorch.
 
 A library for networks of any size takes 180 MB, and most of its time to call operations that take less: these networks
 multiply a million times a window. Values are float64, and sums have one order on every processor.
@@ -126,7 +126,7 @@ def _slow(rows: FloatArray, kernel: FloatArray) -> FloatArray:
 
 @compiled
 def _rhythm(normal: FloatArray, lags: NDArray[np.int64]) -> FloatArray:
-    """(3, lags) autocorrelation of the vertical force, of all force and of all rates (T, 6), as `gait.rhythm`."""
+    """(3, lags) autocorrelation of the vertical force, of all force and of all rates (T, 6)."""
     count = len(normal)
     auto = np.zeros((3, len(lags) + 1))
     for index in range(len(lags) + 1):
@@ -143,7 +143,7 @@ def _rhythm(normal: FloatArray, lags: NDArray[np.int64]) -> FloatArray:
 
 
 class CompiledNetwork:
-    """A network of architecture "resnet", of a phone or a foot, or "gait"; asked as `model.Network` is.
+    """A network of architecture "resnet", of a phone or a foot, or "gait".
 
     Args:
         arrays: Its weights by name.
@@ -283,7 +283,7 @@ class CompiledNetwork:
         return np.append(change, _taller_m(height_m)) if self._has_gait else change
 
     def _rested(self, window: FloatArray) -> FloatArray:
-        """(`WINDOW`, 2) velocity of a foot, m/s, as `rest_velocity.RestVelocity`."""
+        """(`WINDOW`, 2) velocity of a foot, m/s: its integrated acceleration less what that is where it rests."""
         force, rates = window[:, 0:3] / REST_MPS2, window[:, 3:6] / REST_RADPS
         weight = np.exp(-np.sum(force**2, axis=1) - np.sum(rates**2, axis=1)) + MIN_WEIGHT
         summed = np.cumsum(window[:, 0:2], axis=0) / RATE_HZ
@@ -292,7 +292,7 @@ class CompiledNetwork:
 
 
 def compiled_network(weights: str) -> CompiledNetwork:
-    """The network of a name or in a file, as `localizer.load_network`.
+    """The network of a name in `PACKAGED`, known by its hash, or in a file.
 
     Raises:
         DatasetError: The file is not what it should be.
@@ -304,7 +304,7 @@ def compiled_network(weights: str) -> CompiledNetwork:
 
 def warm_up() -> None:
     """Compiles."""
-    compiled_network("learned-v2")  # asked once while it is made
+    compiled_network("phone")  # asked once while it is made
 
 
 def _taller_m(height_m: float) -> float:
@@ -317,14 +317,14 @@ def _person(height_m: float) -> FloatArray:
 
 
 def _step_law_m(steps_hz: float, height_m: float) -> float:
-    """As `gait.step_law_m`."""
+    """Usual length of a step at a step rate, of people of a height; 0.3 m at least."""
     usual_m, per_height, usual_height_m, per_hz, usual_hz = LAW_M
     taller_m = height_m - usual_height_m
     return max(usual_m + per_height * taller_m + per_hz * (steps_hz - usual_hz) * height_m / usual_height_m, 0.3)
 
 
 def _widened(cholesky_m: FloatArray, far: float, added_m: float) -> FloatArray:
-    """As `gait.widened`."""
+    """(2, 2) Cholesky factor of the covariance times `far`, plus the square of `added_m` on the diagonal."""
     (l11, _), (l21, l22) = cholesky_m
     first = math.sqrt(far * l11**2 + added_m**2)
     lower = far * l11 * l21 / first

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol
 
@@ -37,14 +36,12 @@ MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from
 # first in 95 % of seconds in a hand or a pocket, above the second where one has not learned how the phone is carried.
 APART: Final = (0.7, 1.5)
 APART_SECONDS: Final = 10
-FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
-BRIDGED_FADES: Final = 0.9  # the same where gaps are bridged: nearly all who walked still do
+FADES: Final = 0.9  # of a displacement for every second without samples: nearly all who walked still do
 # Fraction of its squared length by which the variance per axis of a second grows: of one that repeats another, and, for
-# every second that is missing up to then, of one in a gap that is bridged. Of gaps cut out of 30 walks of
-# `MallPhone-v2` train it is 0.02 to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
+# every second that is missing up to then, of one in a gap. Of gaps cut out of 30 train walks through malls it is 0.02
+# to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
 REPEATED_FRACTION: Final = 0.25
 GAP_FRACTION: Final = 0.1
-SETTLES_S: Final = 2.0  # ours, after a gap that is bridged: on one walk the reported yaw lagged by a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +95,7 @@ class Move:
         move_m: (2,) in the frame of the rotation vector; of a foot, in that of the building if a heading is given.
         covariance_m2: (2, 2) of it.
         stands: Whether the network takes its bearer to stand.
-        is_guess: True where samples were missing: the last move goes on, fading.
+        is_guess: True where samples were missing: their gait goes on, or else the last move, fading.
         doubt: 0 for input like that of training, towards 1 the further from it, of a network that says so.
         compass_rad: By how much the frame is turned to the mean of the compass so far from one that follows the
             gyroscope alone, in the middle of the second; None without a compass.
@@ -116,16 +113,15 @@ class Move:
 class Reckoner:
     """Takes the rows of a phone, or of a unit on a foot, and reports by how much its bearer moves.
 
+    Of seconds of which samples are missing, networks are asked with signals whose gait goes on (`gaps_filled`); where
+    too little came before, the displacement before goes on, fading.
+
     Args:
         network: In the state of being asked.
         briefing: Gives sensors and the height of the person.
-        stand_logit: Logit above which the person is taken to stand.
         companions: Networks with whose displacements those of the first are averaged; one that cannot do with these
             sensors is left out, and one that contradicts the first for long counts for nothing.
         length_factor: On displacements.
-        bridges: Whether networks are asked about seconds of which samples are missing, with signals whose gait goes on
-            (`gaps_filled`); where too little came before, the displacement before goes on, fading slowly. Without, such
-            a second is half of the one before.
 
     Raises:
         UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
@@ -135,18 +131,16 @@ class Reckoner:
         self,
         network: WindowNetwork,
         briefing: Briefing,
-        stand_logit: float = 0.0,
         companions: Sequence[WindowNetwork] = (),
         *,
         length_factor: float = 1.0,
-        bridges: bool = False,
     ) -> None:
-        self._length_factor, self._bridges, self._missing_s = length_factor, bridges, 0.0
+        self._length_factor, self._missing_s = length_factor, 0.0
         self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
         carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
-        self._source = source = rows_of(briefing, network.own_attitude, SETTLES_S if bridges else 0.0)
+        self._source = source = rows_of(briefing, network.own_attitude)
         briefing.require(sensors=source.sensors)
         for name in source.sensors:
             rate_hz = briefing.sensors[name].rate_hz
@@ -156,7 +150,7 @@ class Reckoner:
                 )
         has_rotation = "rotation" in source.sensors
         fit = [one for one in companions if one.carried == carried and (one.own_attitude or has_rotation)]
-        self._members = [_Member(one, stand_logit) for one in (network, *fit)]
+        self._members = [_Member(one) for one in (network, *fit)]
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._compass: FloatArray = np.zeros((0, 2))
         height_m = briefing.subject.get("height_m", 0.0)
@@ -221,7 +215,7 @@ class Reckoner:
             self._unknown_ends_s.append(self._end_s)
             return
         for back, end_s in zip(range(len(self._unknown_ends_s), 0, -1), self._unknown_ends_s, strict=True):
-            faded = replace(move, end_s=end_s, move_m=BRIDGED_FADES**back * move.move_m)
+            faded = replace(move, end_s=end_s, move_m=FADES**back * move.move_m)
             yield _as_guess(faded, REPEATED_FRACTION)
         self._unknown_ends_s = []
         yield move
@@ -255,20 +249,20 @@ class Reckoner:
         begin_s = max(end_s - WINDOW / RATE_HZ, self._first_s) + 1.0 / RATE_HZ
         signals = grid_signals(self._rows["accel"], self._rows["gyro"], self._rows["rotation"], begin_s, end_s)
         missing_s = np.count_nonzero(~signals.is_whole[-HORIZON:]) / RATE_HZ
-        if self._bridges:
-            signals = gaps_filled(signals)
-        if len(signals) < HORIZON or (missing_s and not self._bridges):
+        signals = gaps_filled(signals)
+        if len(signals) < HORIZON:
             return None, missing_s
         return window_before(signals, len(signals)), missing_s
 
     def _move(self, end_s: float) -> Move | None:
-        """The second that ends at a time; None before one is known, where gaps are bridged."""
+        """The second that ends at a time; None before one is known."""
         window, missing_s = self._seen(end_s)
         self._missing_s = self._missing_s + missing_s if missing_s else 0.0
         if window is None:
-            if self._bridges and self._last is None:
+            if self._last is None:
                 return None
-            move = self._guess(end_s)
+            faded = replace(self._last, end_s=end_s, move_m=FADES * self._last.move_m, doubt=0.0)
+            move = _as_guess(faded, REPEATED_FRACTION)
         else:
             first, *others = [member.move(end_s, *window, self._height_m) for member in self._members]
             for member, other in zip(self._members[1:], others, strict=True):
@@ -281,11 +275,6 @@ class Reckoner:
         self._last = move
         return move
 
-    def _guess(self, end_s: float) -> Move:
-        last = self._last or Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
-        fades = BRIDGED_FADES if self._bridges else FADES
-        return replace(_as_guess(last, REPEATED_FRACTION), end_s=end_s, move_m=fades * last.move_m, doubt=0.0)
-
     def _forget(self) -> None:
         for name, rows in self._rows.items():
             kept = rows[rows[:, 0] >= self._end_s - EVERY_S - KEPT_S]
@@ -297,8 +286,8 @@ class Reckoner:
 class _Member:
     """A network, and what it remembers of a walk."""
 
-    def __init__(self, network: WindowNetwork, stand_logit: float) -> None:
-        self._network, self._stand_logit = network, stand_logit
+    def __init__(self, network: WindowNetwork) -> None:
+        self._network = network
         self._memory: Any = None
         self._rhythm, self._shaken = 0.0, 0
         self._move_m, self._apart = np.zeros(2), 0.0
@@ -320,7 +309,7 @@ class _Member:
         """The second that ends with a window."""
         said, self._memory = self._network.ask(features, height_m, self._memory)
         unrhythmic = self._unrhythmic(said.rhythm)
-        stands, doubt = said.standing > self._stand_logit, unrhythmic
+        stands, doubt = said.standing > 0.0, unrhythmic
         if said.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
             doubt = max(doubt, said.doubt)
             stands = stands and doubt < MAX_DOUBT and said.length_m < STANDS_M
@@ -334,7 +323,7 @@ class _Member:
     def change_m(self, features: FloatArray, yaw_rad: float, height_m: float) -> FloatArray:
         """(2,) by how much more a window says than that of the last second; it is not remembered."""
         said, _ = self._network.ask(features, height_m, self._memory)
-        move_m = np.zeros(2) if said.standing > self._stand_logit else turned(said.move_m, yaw_rad)
+        move_m = np.zeros(2) if said.standing > 0.0 else turned(said.move_m, yaw_rad)
         return move_m - self._move_m
 
     def _unrhythmic(self, peak: float) -> float:
@@ -388,16 +377,3 @@ def _turned(move: Move, turn_rad: float) -> Move:
         return move
     factor: FloatArray = turned(np.linalg.cholesky(move.covariance_m2).T.astype(np.float64), turn_rad).T
     return replace(move, move_m=turned(move.move_m, turn_rad), covariance_m2=factor @ factor.T)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """A window of 4 s takes less time than waking another thread; who else uses torch here finds it as it was."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

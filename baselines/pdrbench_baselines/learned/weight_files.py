@@ -18,13 +18,12 @@ from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 # sha256 of the weights that come with pdrbench, by name
 PACKAGED: Final = {
-    "learned-v0": "5601f849824a6c7a27b0608dd1391c6cf4dc456aab4430b785b98b357c5c4f0f",
-    "learned-v1": "ec7e542a70598dfc31f6ade684bda7774c7d03e595cc3df4f90963eadec78ca3",
-    "learned-v2": "2c1278163e0ea9510877c27611216ee5e290fc9174a99c7b452b00ea841de7fe",
-    "learned_foot-v0": "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
+    "phone": "2c1278163e0ea9510877c27611216ee5e290fc9174a99c7b452b00ea841de7fe",
+    "phone_plain": "ec7e542a70598dfc31f6ade684bda7774c7d03e595cc3df4f90963eadec78ca3",
+    "foot": "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
 }
 FORM: Final = {"window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
-TRAIN: Final = "python -m pdrbench_baselines.learned train --out DIR"
+TRAIN: Final = "python -m pdrbench_lab.learned train --out DIR"
 
 
 def packaged_file(name: str) -> Path:

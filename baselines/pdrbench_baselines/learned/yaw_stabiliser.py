@@ -18,25 +18,24 @@ from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 
 MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v2: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
+SETTLES_S: Final = 2.0  # ours: on one walk the reported yaw lagged by a second after a gap
 MAX_GAP_S: Final = 0.25  # over longer ones the rate is unknown, and the reported yaw is followed
 
 
 class YawStabiliser:
     """Takes rotation vectors and rates as they come; gives the rotation vectors with another yaw.
 
-    The mean forgets with the time constant `MEAN_S`, once the walk is longer than that.
-
-    Args:
-        settles_s: For so long after a gap the reported yaw is followed as well: one that lags, or jumps and comes back,
-            then shows how far the phone has turned since before the gap.
+    The mean forgets with the time constant `MEAN_S`, once the walk is longer than that. For `SETTLES_S` after a gap the
+    reported yaw is followed as well: one that lags, or jumps and comes back, then shows how far the phone has turned
+    since before the gap.
 
     Attributes:
         means_rad: (r,) that mean at each of the rotation vectors given last: by so much their yaw is turned from one
             that follows the gyroscope alone.
     """
 
-    def __init__(self, settles_s: float = 0.0) -> None:
-        self._settles_s, self._settled_s = settles_s, -np.inf
+    def __init__(self) -> None:
+        self._settled_s = -np.inf
         self._rotation = np.zeros((0, 5))  # the last one reported, and those that wait for rates
         self._gyro = np.zeros((0, 4))
         self._is_begun = False
@@ -77,7 +76,7 @@ class YawStabiliser:
         steps = zip(rotation[1:, 0].tolist(), steps_s.tolist(), runs_rad.tolist(), is_gap.tolist(), strict=True)
         for i, (end_s, step_s, run_rad, is_missing) in enumerate(steps):
             if is_missing:
-                self._settled_s = end_s + self._settles_s
+                self._settled_s = end_s + SETTLES_S
             self._since_s += step_s
             self._run_away_rad += run_rad if end_s >= self._settled_s else 0.0
             gain = min(max(step_s / MEAN_S, step_s / max(self._since_s, 1e-9)), 1.0)

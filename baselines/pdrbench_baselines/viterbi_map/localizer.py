@@ -1,4 +1,4 @@
-"""`viterbi_map-v0`: the displacements of `learned-v2` through a hidden Markov model on the map.
+"""`viterbi_map`: the displacements of `learned` through a hidden Markov model on the map.
 
 Z. Xiao, H. Wen, A. Markham, N. Trigoni, "Lightweight map matching for indoor localisation using conditional random
 fields", IPSN 2014, match a trajectory to a graph of the floor in such a way. Here what a walk keeps, the length of its
@@ -8,16 +8,14 @@ steps and the error of its heading, is part of the state, and a path may pass a 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.geometry import FloatArray
-from pdrbench.params import merged
-from pdrbench_baselines.learned.localizer import TRANSFERRED, LearnedMap
+from pdrbench_baselines.learned.localizer import LearnedMap, LearnedMapParams
 from pdrbench_baselines.learned.reckoning import Move
 from pdrbench_baselines.learned.signals import turned
 from pdrbench_baselines.viterbi_map.trellis import Trellis, TrellisParams
@@ -27,49 +25,44 @@ EVERY_S: Final = 0.2  # between rows of the revised past: a second is a metre
 
 @dataclass(frozen=True, slots=True)
 class ViterbiMapParams:
-    """Defaults, ours; both factors were set on 24 train walks of `MallPhone-v2`.
+    """Defaults, ours; both factors were set on 24 train walks of recorded malls.
 
     Attributes:
         trellis: States and their transitions.
-        smooths: The past is revised when the walk is over.
         lag_s: Seconds after which the revised past is final, for walks without end; infinite: it is kept whole.
         takes_likeliest: The revised past is the likeliest path (Viterbi), which has no spread; else the mean over the
             paths of all survivors.
         sigma_factor: By which the spread of survivors is multiplied for `sigma_m`: what is wrong with a map, or with
-            all
-            displacements alike, does not spread them.
+            all displacements alike, does not spread them.
         revised_sigma_factor: The same of the revised past, where few paths are left.
     """
 
     trellis: TrellisParams = field(default_factory=TrellisParams)
-    smooths: bool = False
     lag_s: float = math.inf
     takes_likeliest: bool = False
     sigma_factor: float = 2.4
     revised_sigma_factor: float = 4.0
 
 
+VITERBI_MAP: Final = ViterbiMapParams()
+
+
 class ViterbiMap(LearnedMap):
-    """`learned_map-v2` with survivors of a Viterbi search in place of particles; needs the same.
+    """`learned_map` with survivors of a Viterbi search in place of particles; needs the same.
 
     Args:
-        params: `ViterbiMapParams` or some of its fields.
+        params: See `ViterbiMapParams`.
     """
 
-    def __init__(self, params: ViterbiMapParams | Mapping[str, Any] | None = None) -> None:
-        self._own = merged(ViterbiMapParams(), params, "viterbi_map")
-        super().__init__(
-            None,
-            defaults={
-                where: replace(usual, cloud_claim=self._own.sigma_factor) for where, usual in TRANSFERRED.items()
-            },
-        )
+    def __init__(self, params: ViterbiMapParams = VITERBI_MAP) -> None:
+        super().__init__(LearnedMapParams(sigma_factor=params.sigma_factor, revises=False))
+        self._own = params
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m, five rows a second; empty for the causal localizer."""
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m, five rows a second; None where the walk never began."""
         trellis = self._trellis
-        if not self._own.smooths or trellis is None:
-            return np.zeros((0, 5))
+        if trellis is None:
+            return None
         rows = trellis.path(takes_likeliest=self._own.takes_likeliest)
         rows[:, 4] = np.maximum(self._own.revised_sigma_factor * rows[:, 4], self._own.trellis.square_m / 2)
         return _between(rows)
@@ -85,7 +78,7 @@ class ViterbiMap(LearnedMap):
 
     def _new_filter(self, level: int) -> Any:
         own = self._own
-        return Trellis(self._building, self._rng, own.trellis, level, remembers=own.smooths, lag_s=own.lag_s)
+        return Trellis(self._building, self._rng, own.trellis, level, lag_s=own.lag_s)
 
     def _walk(self, cloud: Any, move: Move) -> None:
         if move.stands:
@@ -93,11 +86,6 @@ class ViterbiMap(LearnedMap):
         else:
             cloud.move(move.move_m, move.covariance_m2, move.end_s)
         self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
-
-
-def smoothed(params: Mapping[str, Any] | None = None) -> ViterbiMap:
-    """The same, its past revised when the walk is over (offline division)."""
-    return ViterbiMap({"smooths": True, **(params or {})})
 
 
 def _between(rows: FloatArray) -> FloatArray:

@@ -107,8 +107,8 @@ class Trellis(MapFilter):
         rng: Places survivors around stairs and lifts; nothing else is drawn.
         params: See `TrellisParams`.
         level: Where the walk begins.
-        remembers: Keeps what `path` needs: at most 18 bytes a survivor and second.
-        lag_s: What is older is final, and its survivors are forgotten.
+        lag_s: What is older is final, and its survivors are forgotten; what is kept for `path` takes at most 18 bytes a
+            survivor and second.
     """
 
     def __init__(
@@ -118,12 +118,11 @@ class Trellis(MapFilter):
         params: TrellisParams,
         level: int,
         *,
-        remembers: bool,
         lag_s: float = math.inf,
     ) -> None:
         super().__init__()
         p = self._params = params
-        self._building, self._rng, self._remembers, self._lag_s = building, rng, remembers, lag_s
+        self._building, self._rng, self._lag_s = building, rng, lag_s
         self._lattice = lattice_of(building, level, p.square_m)
         self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
         scale_z, bias_z = _evenly(p.num_scales), _evenly(p.num_biases)
@@ -325,9 +324,8 @@ class Trellis(MapFilter):
         self._survivors = left = left._replace(log_weight=np.log(total[kept]), log_path=left.log_path - top)
         self._local_m, self._cell = left.local_m, left.cell
         self._locate(on_level=True)
-        if self._remembers:
-            xy_m, level = self.particles_xy_m.astype(np.float32), self.particles_level.astype(np.int16)
-            self._remember(_Stage(self._now_s, left.parent.astype(np.int32), xy_m, level))
+        xy_m, level = self.particles_xy_m.astype(np.float32), self.particles_level.astype(np.int16)
+        self._remember(_Stage(self._now_s, left.parent.astype(np.int32), xy_m, level))
 
     def _locate(self, *, on_level: bool = False) -> None:
         """The estimate: the level of most weight; mean and spread there."""

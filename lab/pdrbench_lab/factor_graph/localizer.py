@@ -1,7 +1,7 @@
-"""`factor_graph-v0`: displacements of `learned-v2`, a survey and the plan as one least-squares problem over time.
+"""`factor_graph`: displacements of `learned`, a survey and the plan as one least-squares problem over time.
 
 F. Dellaert, M. Kaess, "Factor graphs for robot perception", Foundations and Trends in Robotics 6, 2017. A fixed-lag
-smoother answers while the walk goes on; `factor_graph_smooth-v0` solves the whole walk when it is over.
+smoother answers while the walk goes on; `revise` solves the whole walk when it is over.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
-from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
+from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
-from pdrbench_baselines.learned.localizer import TRANSFERRED, Learned
+from pdrbench_baselines.learned.base import NetworkLocalizer
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
 from pdrbench_baselines.learned.signals import turned
 from pdrbench_lab.factor_graph.radio import ScanGrids
@@ -32,7 +31,7 @@ ROWS_EVERY_S: Final = 0.2  # of the revised past: a second is a metre
 
 @dataclass(frozen=True, slots=True)
 class FactorGraphParams:
-    """Defaults, ours; see docs/factor_graph.md for what was measured.
+    """Defaults, ours; the notebook has what was measured.
 
     Attributes:
         window: Of the graph.
@@ -41,11 +40,12 @@ class FactorGraphParams:
         uses_radio: Whether scans count where there is a survey.
         radio: Of the radio map.
         map_error_m: By which that is off, per axis, as `FusionParams`.
-        trust: Power of the likelihood of a scan, over that of `gp_wifi-v0`: neighbouring scans err alike.
+        trust: Power of the likelihood of a scan, over that of `gp_wifi`: neighbouring scans err alike.
         drawn_trust: The same of a survey whose places were interpolated between surveyed ones.
         sigma_factor, revised_sigma_factor: On deviations, for `sigma_m`, on the way and of the revised past.
         sigma_floor_m: Added in squares: references and plans are off by as much.
         num_revisions: Iterations over the whole walk, at most.
+        revises: Whether the whole walk is kept, for `revise`.
     """
 
     window: WindowParams = field(default_factory=WindowParams)
@@ -60,29 +60,32 @@ class FactorGraphParams:
     revised_sigma_factor: float = 2.4
     sigma_floor_m: float = 0.3
     num_revisions: int = 30
+    revises: bool = True
 
 
-class FactorGraph(Learned):
+FACTOR_GRAPH: Final = FactorGraphParams()
+
+
+class FactorGraph(NetworkLocalizer):
     """Least squares over the last seconds of a walk; see `Window`.
 
-    Needs what `learned-v2` needs of a phone, a known start among it: from a wrong place least squares does not find the
+    Needs what `learned` needs of a phone, a known start among it: from a wrong place least squares does not find the
     right one. A map makes walls count and a survey makes scans count; with neither this is dead reckoning.
 
     Args:
-        params: `FactorGraphParams` or some of its fields.
-        smooths: Whether the past is revised when the walk is over (offline division).
+        params: See `FactorGraphParams`.
     """
 
-    def __init__(self, params: FactorGraphParams | Mapping[str, Any] | None = None, *, smooths: bool = False) -> None:
-        super().__init__(None, defaults=TRANSFERRED)
-        self._own, self._smooths = merged(FactorGraphParams(), params, "factor_graph"), smooths
-        self._radio: LeanRadioEvidence | None = None
+    def __init__(self, params: FactorGraphParams = FACTOR_GRAPH) -> None:
+        super().__init__()
+        self._own = params
+        self._radio: RadioEvidence | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
         assert briefing.start is not None
         if carrier_of(briefing.mounting) != PHONE:
-            raise UnsuitableError("its priors are those of a phone; on a foot take learned_map-v2")
+            raise UnsuitableError("its priors are those of a phone; on a foot take learned_map")
         self._begin(briefing)
         self._building, start = briefing.building, briefing.start
         self._radio = self._fitted(briefing)
@@ -91,7 +94,7 @@ class FactorGraph(Learned):
         self._begins_s: list[float] = []
         self._know_floors(np.array([start.level]))
         stairs = self._stairs()
-        self._window = Window(self._own.window, self._floors, stairs, self._grids, remembers=self._smooths)
+        self._window = Window(self._own.window, self._floors, stairs, self._grids, remembers=self._own.revises)
         sigma_m = max(self._own.window.chain.start_sigma_m, start.radius_m / 2)
         self._window.begin(np.array(start.xy_m), start.level, sigma_m)
 
@@ -112,10 +115,10 @@ class FactorGraph(Learned):
             sigma_m=float(np.hypot(self._own.sigma_factor * deviation_m, self._own.sigma_floor_m)),
         )
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m, five rows a second; empty for the causal localizer."""
-        if not self._smooths:
-            return np.zeros((0, 5))
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m, five rows a second; None where the walk was not kept."""
+        if not self._own.revises:
+            return None
         own = self._own
         xy_m, deviation_m, level = _mean(self._window.smoothed(own.num_revisions))
         sigma_m = np.hypot(own.revised_sigma_factor * deviation_m, own.sigma_floor_m)
@@ -134,14 +137,14 @@ class FactorGraph(Learned):
             "bias_rad": np.array(float(state[2])),
         }
 
-    def _fitted(self, briefing: Briefing) -> LeanRadioEvidence | None:
+    def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
         radio_map = briefing.radio_map
         if not self._own.uses_radio or radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
         radio = self._radio
         if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
-            radio = LeanRadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
+            radio = RadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
         radio.begin(self._own.trust if radio_map.surveyed else self._own.drawn_trust)
         return radio
 
@@ -177,11 +180,6 @@ class FactorGraph(Learned):
             now = known[np.clip(np.searchsorted(known, last) + levels, 0, len(known) - 1)]
         self._know_floors(now)
         self._window.change_level(now)
-
-
-def smoothed(params: Mapping[str, Any] | None = None) -> FactorGraph:
-    """`factor_graph-v0` with its past revised when the walk is over (offline division)."""
-    return FactorGraph(params, smooths=True)
 
 
 def _mean(chains: list[Smoothed]) -> tuple[FloatArray, FloatArray, IntArray]:

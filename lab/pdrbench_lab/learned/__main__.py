@@ -1,4 +1,4 @@
-"""`python -m pdrbench_baselines.learned train --out DIR`, `measure`, `public`, `speed` and `figures`."""
+"""`python -m pdrbench_lab.learned train --out DIR`, `measure`, `public`, `speed` and `figures`."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from pdrbench_lab.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows
 
 if TYPE_CHECKING:
     from pdrbench.recording import Recording
-    from pdrbench_baselines.learned.model import Network
     from pdrbench_baselines.learned.reckoning import WindowNetwork
+    from pdrbench_lab.learned.model import Network
 
 PEOPLE, EPOCHS = 400, 3  # of a training by default
-USUAL_WEIGHTS = "learned-v2"
+USUAL_WEIGHTS = "phone"
 MEASURED = {
     "office": "OfficePhone-v1",
     "mall": "MallPhone-v2",
@@ -36,7 +36,7 @@ OTHER_FEET = 40  # people of the group of that name on whom the network for feet
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m pdrbench_baselines.learned", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m pdrbench_lab.learned", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     public.set_defaults(run=_public)
     speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
     speed.add_argument("--weights", default=USUAL_WEIGHTS, help="name of packaged weights, or file of a run")
-    speed.add_argument("--compiled", action="store_true", help="in compiled code instead of PyTorch, as fusion-v2")
+    speed.add_argument("--compiled", action="store_true", help="in compiled code instead of PyTorch")
     speed.set_defaults(run=_speed)
     figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
     figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")
@@ -124,9 +124,9 @@ def _train(given: argparse.Namespace) -> None:
 
 
 def _public(given: argparse.Namespace) -> None:
-    from pdrbench_baselines.learned.localizer import load_network
     from pdrbench_lab.learned.public_sets import load, public_walks
     from pdrbench_lab.learned.walks import walk_figures
+    from pdrbench_lab.learned.weights import load_network
 
     walks = public_walks(given.folder)
     tested = [walk for walk in walks if walk.part == given.part]
@@ -149,17 +149,17 @@ def _public(given: argparse.Namespace) -> None:
 
 def _speed(given: argparse.Namespace) -> None:
     from pdrbench_baselines.learned.compiled import compiled_network
-    from pdrbench_baselines.learned.localizer import load_network
     from pdrbench_lab.learned.speed import measured
+    from pdrbench_lab.learned.weights import load_network
 
     load: Callable[[str], WindowNetwork] = compiled_network if given.compiled else load_network
     print(measured(load(given.weights)).line())  # noqa: T201
 
 
 def _measure(given: argparse.Namespace) -> None:
-    from pdrbench_baselines.learned.localizer import load_network
+    from pdrbench_lab.learned.weights import load_network
 
-    usual = "learned_foot-v0" if given.carried == FOOT else USUAL_WEIGHTS
+    usual = "foot" if given.carried == FOOT else USUAL_WEIGHTS
     networks = {name: load_network(name) for name in given.weights or [usual]}
     if given.carried == FOOT:
         _measure_feet(networks, given.split)

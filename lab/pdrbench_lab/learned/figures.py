@@ -13,11 +13,11 @@ import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.report.panels import panels, save_figures
-from pdrbench_baselines.learned.weights import restore
 from pdrbench_lab.learned.batches import UNCHANGED, Feed
 from pdrbench_lab.learned.data import Windows, load_or_gather
 from pdrbench_lab.learned.measure import WALKS_M, WindowOutputs, window_figures, window_outputs
 from pdrbench_lab.learned.train import MODEL, PROGRESS
+from pdrbench_lab.learned.weights import restore
 
 DPI: Final = 110
 SPEEDS_MPS: Final = (0.0, 0.3, 0.6, 0.9, 1.1, 1.3, 1.5, 2.0)

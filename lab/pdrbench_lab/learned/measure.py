@@ -9,13 +9,13 @@ import numpy as np
 import torch
 
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
-from pdrbench_baselines.learned.model import surprise, whitened
 from pdrbench_baselines.learned.signals import HORIZON, turned
 from pdrbench_lab.learned.data import Windows
+from pdrbench_lab.learned.model import surprise, whitened
 
 if TYPE_CHECKING:
-    from pdrbench_baselines.learned.model import Network
     from pdrbench_lab.learned.batches import Augmentation, Feed
+    from pdrbench_lab.learned.model import Network
 
 WALKS_M: Final = 0.5  # in a second; below it the heading of travel says nothing
 LEVELS: Final = (0.50, 0.90, 0.95)

@@ -2,7 +2,7 @@
 
 None of these sets comes with pdrbench. Whoever has one trains on it and tests on people of it that were left out:
 
-    python -m pdrbench_baselines.learned public FOLDER --out RUN
+    python -m pdrbench_lab.learned public FOLDER --out RUN
 
 The part of a walk is that of the lists that come with a set, where they are in the folder. Else all walks of one in
 five people are `test`; in OxIOD, most of which one person walked, all walks of one in five folders `data*`.

@@ -25,18 +25,18 @@ from torch import Tensor, nn
 from pdrbench.errors import PdrbenchError
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.constants import FEATURES, GAIT
-from pdrbench_baselines.learned.gait import GaitNetwork
-from pdrbench_baselines.learned.model import (
+from pdrbench_lab.learned.batches import AUGMENTATION, REAL, Augmentation, Feed
+from pdrbench_lab.learned.data import BEARERS, FEET, USUAL, Windows, load_or_gather
+from pdrbench_lab.learned.gait import GaitNetwork
+from pdrbench_lab.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
+from pdrbench_lab.learned.model import (
     Network,
     NetworkOutput,
     length_error,
     squared_error,
     surprise,
 )
-from pdrbench_baselines.learned.weights import load_into, network_of, restore, store
-from pdrbench_lab.learned.batches import AUGMENTATION, REAL, Augmentation, Feed
-from pdrbench_lab.learned.data import BEARERS, FEET, USUAL, Windows, load_or_gather
-from pdrbench_lab.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
+from pdrbench_lab.learned.weights import load_into, network_of, restore, store
 
 MODEL: Final = "model.safetensors"  # the best one so far
 STATE: Final = "state.safetensors"
@@ -99,7 +99,7 @@ class TrainParams:
     threads: int = 1
 
 
-# Of `learned_foot-v0`, and but for sources and people of `learned-v0` and `learned-v1`.
+# Of `foot`, and but for sources and people of `phone_plain`.
 ON_FOOT: Final = TrainParams(
     arch="resnet",
     width=16,

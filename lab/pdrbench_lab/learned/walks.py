@@ -25,7 +25,7 @@ from pdrbench_lab.learned.recordings import is_dense
 from pdrbench_lab.papers.li2012.model import walked_m
 
 if TYPE_CHECKING:
-    from pdrbench_baselines.learned.model import Network
+    from pdrbench_lab.learned.model import Network
 
 CHUNK_S: Final = 1.0
 SHORTEST_M: Final = 5.0  # of what is known of a walk: relative errors of less say nothing

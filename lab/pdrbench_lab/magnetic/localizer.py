@@ -1,22 +1,19 @@
-"""`magnetic-v0`: displacements, the plan and a magnetic survey. `MagneticFusion`: a radio map as well."""
+"""`magnetic`: displacements, the plan and a magnetic survey. `MagneticFusion`: a radio map as well."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.params import FusionParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.localizer import stored
-from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move
 from pdrbench_lab.magnetic.cloud import MagneticCloud
 from pdrbench_lab.magnetic.evidence import SENSORS, MagneticEvidence, MagneticEvidenceParams
@@ -36,29 +33,21 @@ class MagneticParams:
 
 
 MAX_SURVEYS: Final = 2  # whose fields are kept: of walks of one split, each building has one
-ALONE = MagneticParams(fusion=FusionParams(map=LearnedMapFilterParams(num_particles=4000)))
+MAGNETIC: Final = MagneticParams()
 
 
 class MagneticFusion(Fusion):
-    """`fusion-v0` whose clouds are weighed by samples of the magnetic field as well.
+    """`fusion` whose clouds are weighed by samples of the magnetic field as well.
 
-    Needs what `fusion-v0` needs, a magnetic survey, a magnetometer and a rotation vector.
+    Needs what `fusion` needs, a magnetic survey, a magnetometer and a rotation vector.
 
     Args:
-        params: `MagneticParams` or some of its fields.
-        smooths: Whether the past is revised when the walk is over (offline division).
-        defaults: What they change.
+        params: See `MagneticParams`.
     """
 
-    def __init__(
-        self,
-        params: MagneticParams | Mapping[str, Any] | None = None,
-        *,
-        smooths: bool = False,
-        defaults: MagneticParams | None = None,
-    ) -> None:
-        self._settings = merged(defaults or MagneticParams(), params, "magnetic")
-        super().__init__(self._settings.fusion, smooths=smooths)
+    def __init__(self, params: MagneticParams = MAGNETIC) -> None:
+        super().__init__(params.fusion)
+        self._settings = params
         self._magnetic: MagneticEvidence | None = None
         self._surveys: list[MagneticEvidence] = []
 
@@ -80,7 +69,7 @@ class MagneticFusion(Fusion):
     def _new_cloud(self, level: int) -> MagneticCloud:
         assert self._magnetic is not None
         rng = self._rng.spawn(1)[0]
-        return MagneticCloud(self._building, rng, self._own.map, level, self._radio, self._magnetic)
+        return MagneticCloud(self._building, rng, self._cloud_params(), level, self._radio, self._magnetic)
 
     def _walk(self, move: Move) -> None:
         super()._walk(move)
@@ -93,7 +82,7 @@ class MagneticFusion(Fusion):
         for each in self._hypotheses:
             assert isinstance(each.cloud, MagneticCloud)
             each.cloud.weigh_by_field(sample)
-            if self._smooths:
+            if self._own.revises:
                 each.past.amend(stored(each.cloud, move.end_s))
         if self._hypotheses:
             least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
@@ -104,17 +93,11 @@ class MagneticFusion(Fusion):
 
 
 class Magnetic(MagneticFusion):
-    """Displacements of `learned-v2` on the map, and samples of the magnetic field; no radio map is used.
+    """Displacements of `learned` on the map, and samples of the magnetic field; no radio map is used.
 
-    Needs what `learned_map-v2` needs, a magnetic survey, a magnetometer and a rotation vector. Where the start is not
+    Needs what `learned_map` needs, a magnetic survey, a magnetometer and a rotation vector. Where the start is not
     known, a cloud on every surveyed level begins evenly over what was surveyed there, with the first second.
-
-    Args:
-        params: `MagneticParams` or some of its fields.
     """
-
-    def __init__(self, params: MagneticParams | Mapping[str, Any] | None = None) -> None:
-        super().__init__(params, defaults=ALONE)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         magnetic_map = briefing.magnetic_map

@@ -35,7 +35,7 @@ ROOMS = floor("rooms", [(0, 0), (10, 0), (10, 10), (0, 10)], [(10.2, 0), (20, 0)
 
 def begun(building: Building, start_m: tuple[float, float], *, lag_s: float = math.inf, **settings: float) -> Trellis:
     params = TrellisParams(**settings)  # type: ignore[arg-type]
-    trellis = Trellis(building, np.random.default_rng(1), params, 0, remembers=True, lag_s=lag_s)
+    trellis = Trellis(building, np.random.default_rng(1), params, 0, lag_s=lag_s)
     trellis.begin_near(np.array(start_m))
     return trellis
 

@@ -15,12 +15,11 @@ from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
-from pdrbench_baselines.learned.localizer import INSTALL
-from pdrbench_baselines.learned.reckoning import one_thread
 from pdrbench_baselines.learned.signals import turned
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ
 from pdrbench_lab.learned.odometry.cloning_filter import CloningFilter, CloningParams, rotation_matrix
 from pdrbench_lab.learned.odometry.stream import PhoneStream
+from pdrbench_lab.learned.threads import INSTALL, one_thread
 
 if TYPE_CHECKING:
     from torch import nn
@@ -38,7 +37,7 @@ class RoninParams:
         weights: Name of weights that come with pdrbench, or a file.
         every: Samples at 200 Hz between windows; 10 in the paper, which costs four times as much.
         speed_sigma_m: Error of the displacement, per root second, for `sigma_m`: of other simulated people.
-        scale_sigma, heading_sigma_rad: Of the whole way, as `learned-v0`.
+        scale_sigma, heading_sigma_rad: Of the whole way, as `learned`.
     """
 
     weights: str = "ronin-v0"
@@ -55,7 +54,7 @@ class TlioParams:
     Attributes:
         weights: Name of weights that come with pdrbench, or a file.
         every: Samples at 200 Hz between displacements; 10 in the paper, see `CloningParams.overlap`.
-        scale_sigma, heading_sigma_rad: Of the whole way, beside the covariance of the filter, as `learned-v0`.
+        scale_sigma, heading_sigma_rad: Of the whole way, beside the covariance of the filter, as `learned`.
         height_sigma_m: Added to that of the height of a displacement, which the network learned to be 0.
         filter: See `CloningParams`.
     """

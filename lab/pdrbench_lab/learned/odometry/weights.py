@@ -12,10 +12,10 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from pdrbench.errors import DatasetError, unknown_name
-from pdrbench_baselines.learned.weights import read
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ
 from pdrbench_lab.learned.odometry.equivariant import EQNIO, EqNio
 from pdrbench_lab.learned.odometry.resnet import DROPOUT, RONIN, TLIO, Ronin, Tlio
+from pdrbench_lab.learned.weights import read
 
 ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio, EQNIO: EqNio}
 # sha256 of the weights that come with pdrbench, by name

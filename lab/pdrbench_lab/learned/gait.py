@@ -35,8 +35,8 @@ from pdrbench_baselines.learned.constants import (
     STEP_LAGS,
     USUAL_HEIGHT_M,
 )
-from pdrbench_baselines.learned.model import Network, NetworkOutput, along
 from pdrbench_baselines.learned.signals import RATE_HZ, SLOW_S, WINDOW
+from pdrbench_lab.learned.model import Network, NetworkOutput, along
 
 
 class GaitNetwork(Network):

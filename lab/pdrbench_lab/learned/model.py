@@ -32,9 +32,10 @@ from pdrbench_baselines.learned.constants import (
     SCALES,
     USUAL_HEIGHT_M,
 )
-from pdrbench_baselines.learned.reckoning import WindowAnswer, one_thread
-from pdrbench_baselines.learned.rest_velocity import RestVelocity
+from pdrbench_baselines.learned.reckoning import WindowAnswer
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
+from pdrbench_lab.learned.rest_velocity import RestVelocity
+from pdrbench_lab.learned.threads import one_thread
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ from torch import Tensor
 from pdrbench.errors import DatasetError
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.constants import GAIT
-from pdrbench_baselines.learned.gait import GaitNetwork
-from pdrbench_baselines.learned.model import Network
 from pdrbench_baselines.learned.weight_files import FORM, PACKAGED, TRAIN, check_form, packaged_file, read_arrays
+from pdrbench_lab.learned.gait import GaitNetwork
+from pdrbench_lab.learned.model import Network
 
 
 def store(network: Network, path: Path) -> str:
@@ -27,6 +27,11 @@ def store(network: Network, path: Path) -> str:
     content = save(tensors, metadata={"network": form})
     path.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
+
+
+def load_network(weights: str = "phone") -> Network:
+    """The network of a name in `PACKAGED`, known by its hash, or in a file, in PyTorch."""
+    return packaged(weights) if weights in PACKAGED else restore(Path(weights))
 
 
 def packaged(name: str) -> Network:

@@ -15,13 +15,13 @@ from pdrbench.localizer import Briefing, Observation  # noqa: E402
 from pdrbench.recording import Recording  # noqa: E402
 from pdrbench.trajectory import Start  # noqa: E402
 from pdrbench_baselines.learned.constants import LAGS, MAX_LOG_FACTOR, MAX_STEPS_HZ  # noqa: E402
-from pdrbench_baselines.learned.gait import GaitNetwork, step_law_m  # noqa: E402
-from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: E402
+from pdrbench_baselines.learned.localizer import Learned  # noqa: E402
 from pdrbench_baselines.learned.signals import turned  # noqa: E402
-from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 from pdrbench_lab.learned.batches import UNCHANGED, filtered, spectral_gain  # noqa: E402
+from pdrbench_lab.learned.gait import GaitNetwork, step_law_m  # noqa: E402
 from pdrbench_lab.learned.people import train_bearer  # noqa: E402
 from pdrbench_lab.learned.walks import gentler, reckon, walk_figures, without_rotation  # noqa: E402
+from pdrbench_lab.learned.weights import load_network, restore, store  # noqa: E402
 
 STEP_HZ = 1.8
 
@@ -59,7 +59,7 @@ def test_lengths_are_step_rates_times_steps_near_the_law(seed: int) -> None:
 
 
 def test_the_rhythm_of_steps_is_seen_at_any_size() -> None:
-    from pdrbench_baselines.learned.gait import rhythm
+    from pdrbench_lab.learned.gait import rhythm
 
     net = network()
     for scale in (0.3, 1.0):
@@ -88,7 +88,7 @@ def test_what_was_never_seen_is_doubted_and_left_to_the_step_law() -> None:
 
 
 def test_doubt_widens_a_covariance_as_said() -> None:
-    from pdrbench_baselines.learned.gait import widened
+    from pdrbench_lab.learned.gait import widened
 
     factor = torch.tensor([[[0.3, 0.0], [-0.2, 0.4]]])
     wide = widened(factor, torch.tensor([2.5]), torch.tensor([0.3]))
@@ -126,25 +126,24 @@ def length_m(weights: str, walk: Recording) -> float:
     return float(np.hypot(*reckon(load_network(weights), walk).move_m.T).sum())
 
 
-@pytest.mark.slow
 def test_softer_shaking_does_not_shorten_a_walk(walks: dict[str, Recording]) -> None:
     walk, softer = walks["usual"], gentler(walks["usual"], 0.4)
-    assert length_m("learned-v2", softer) == pytest.approx(length_m("learned-v2", walk), rel=0.1)
-    assert length_m("learned-v1", softer) < 0.9 * length_m("learned-v1", walk)  # what it is for
+    assert length_m("phone", softer) == pytest.approx(length_m("phone", walk), rel=0.1)
+    assert length_m("phone_plain", softer) < 0.9 * length_m("phone_plain", walk)  # what it is for
 
 
 def test_a_cart_is_not_claimed_to_stand(walks: dict[str, Recording]) -> None:
-    figures = walk_figures(load_network("learned-v2"), [walks["cart"]])
+    figures = walk_figures(load_network("phone"), [walks["cart"]])
     assert figures["coverage_95_pct"] > 85.0
     assert figures["sigma_m"] > 0.4
-    assert walk_figures(load_network("learned-v2"), [walks["usual"]])["sigma_m"] < 0.4
+    assert walk_figures(load_network("phone"), [walks["usual"]])["sigma_m"] < 0.4
 
 
 def test_an_attitude_is_computed_where_the_phone_reports_none(walks: dict[str, Recording]) -> None:
     walk = walks["usual"]
-    assert length_m("learned-v2", without_rotation(walk)) == pytest.approx(length_m("learned-v2", walk), rel=0.05)
+    assert length_m("phone", without_rotation(walk)) == pytest.approx(length_m("phone", walk), rel=0.05)
     with pytest.raises(UnsuitableError, match="rotation"):
-        length_m("learned-v1", without_rotation(walk))
+        length_m("phone_plain", without_rotation(walk))
 
 
 def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, Recording]) -> None:
@@ -153,7 +152,7 @@ def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, Rec
     rows = {name: one.rows for name, one in walk.streams.items()}
     for heading_rad in (0.3, 1.3):
         start = Start(xy_m=np.zeros(2), level=0, heading_rad=heading_rad)
-        localizer = Learned({"weights": "learned-v2"})
+        localizer = Learned()
         localizer.reset(Briefing(None, specs, 60.0, start=start), np.random.default_rng(0))
         ends_m.append(localizer.step(Observation(60.0, rows)).xy_m)
     np.testing.assert_allclose(turned(ends_m[0], 1.0), ends_m[1], atol=1e-6)

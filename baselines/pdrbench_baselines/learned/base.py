@@ -1,0 +1,72 @@
+"""What localizers share whose displacements come from a network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial import WAYS
+from pdrbench.localizer import Briefing
+from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
+from pdrbench_baselines.learned.compiled import CompiledNetwork, compiled_network
+from pdrbench_baselines.learned.reckoning import Reckoner, WindowNetwork
+
+BY_LIFT: Final = float(WAYS.index("lift"))
+CARRY_S: Final = 1.2  # ours: between seconds the answer goes on at the last velocity, so long at most
+WALKS_M: Final = 0.2  # ours: a shorter displacement of a second says nothing of the heading
+
+
+class NetworkLocalizer:
+    """Displacements of a network, second by second, and where the walker has got to since the last one.
+
+    Args:
+        weights: File of a training run, in place of the networks that come with pdrbench; None for these.
+        carry_s: See `CARRY_S`.
+    """
+
+    def __init__(self, weights: str | None = None, carry_s: float = CARRY_S) -> None:
+        self._weights, self._carry_s = weights, carry_s
+        self._networks: dict[str, CompiledNetwork] = {}
+        if weights is not None:
+            self._network(weights)  # raises where the file is not what it should be
+
+    def _begin(self, briefing: Briefing, length_factor: float = 1.0, companions: Sequence[str] = ()) -> None:
+        """Begins a walk; see `Reckoner`. Companions are named as weights that come with pdrbench."""
+        carrier = carrier_of(briefing.mounting)
+        network = self._network(self._weights or carrier)
+        start = briefing.start
+        self._heading_rad = None if start is None else start.heading_rad
+        if network.own_attitude and self._heading_rad is None and not {"rotation", "mag"} & set(briefing.sensors):
+            raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
+        others = [self._network(one) for one in companions]
+        self._reckoner = self._new_reckoner(network, briefing, others, length_factor)
+        self._velocity_mps, self._end_s = np.zeros(2), -math.inf
+        # A foot knows its own height.
+        self._has_level_changes = "level_change" in briefing.sensors and carrier == PHONE
+
+    def _new_reckoner(
+        self, network: WindowNetwork, briefing: Briefing, companions: Sequence[WindowNetwork], length_factor: float
+    ) -> Reckoner:
+        return Reckoner(network, briefing, companions, length_factor=length_factor)
+
+    def _network(self, weights: str) -> CompiledNetwork:
+        if weights not in self._networks:
+            self._networks[weights] = compiled_network(weights)
+        return self._networks[weights]
+
+    def _follow(self, move_m: FloatArray, end_s: float) -> None:
+        """Takes the displacement (2,) of a second, which ended then."""
+        self._velocity_mps, self._end_s = move_m, end_s
+        if np.hypot(*move_m) > WALKS_M:
+            self._heading_rad = float(np.arctan2(move_m[1], move_m[0]))
+
+    def _extrapolated_m(self, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last second with an output."""
+        since_s = now_s - self._end_s
+        carried: FloatArray = self._velocity_mps * min(since_s, self._carry_s)
+        return carried if math.isfinite(since_s) else np.zeros(2)
