@@ -68,7 +68,7 @@ def test_preparing_and_loading_start_no_thread() -> None:
     ("localizer", "named", "left_out"),
     [
         ("stay-v0", set(), {"torch", "pandas", "scipy.signal"}),
-        ("learned-v0", {"torch", "scipy.signal"}, set()),
+        ("learned", {"scipy.signal"}, {"torch"}),
     ],
 )
 def test_a_launcher_imports_the_libraries_of_the_localizer_not_of_its_package(
