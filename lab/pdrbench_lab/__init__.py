@@ -39,19 +39,19 @@ ENVIRONMENTS = {
 
 LOCALIZERS = {
     "factor_graph": "pdrbench_lab.factor_graph.localizer:FactorGraph",
-    "foot_ins_lstm-v0": "pdrbench_lab.learned.zero_velocity:FootInsLstm",
-    "foot_pair-v0": "pdrbench_lab.foot_ins.pair:FootPair",
-    "foot_pair-v1": "pdrbench_lab.foot_ins.pair:reweighted_pair",
-    "footslam-v0": "pdrbench_lab.footslam.localizer:FootSlam",
-    "footslam_nomap-v0": "pdrbench_lab.footslam.localizer:without_map",
-    "footslam_smooth-v0": "pdrbench_lab.footslam.localizer:smoothed",
+    "foot_ins_lstm": "pdrbench_lab.learned.zero_velocity:FootInsLstm",
+    "foot_pair": "pdrbench_lab.foot_ins.pair:FootPair",
+    "footslam": "pdrbench_lab.footslam.localizer:FootSlam",
     "magnetic": "pdrbench_lab.magnetic.localizer:Magnetic",
-    "ronin-v0": "pdrbench_lab.learned.odometry.localizer:ronin",
-    "step_count-v0": "pdrbench_lab.step_count:StepCount",
-    "step_count-v1": "pdrbench_lab.step_count:adaptive",
-    "step_count_literal-v0": "pdrbench_lab.step_count:literal",
-    "tlio-v0": "pdrbench_lab.learned.odometry.localizer:tlio",
-    "woodman2008_gpu-v0": "pdrbench_lab.papers.woodman2008.gpu_localizer:Woodman2008Gpu",
+    "ronin": "pdrbench_lab.learned.odometry.localizer:Ronin",
+    "step_count": "pdrbench_lab.step_count:StepCount",
+    "tlio": "pdrbench_lab.learned.odometry.localizer:Tlio",
+    "woodman2008_gpu": "pdrbench_lab.papers.woodman2008.gpu_localizer:Woodman2008Gpu",
+    # ids of former versions
+    "factor_graph_smooth": "renamed:factor_graph",
+    "footslam_nomap": "renamed:footslam?cloud.uses_map=false",
+    "footslam_smooth": "renamed:footslam",
+    "step_count_literal": "renamed:step_count?adapts=false&detection.swing_g=0.2,2",
 }
 
 REPRODUCTIONS = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -12,8 +12,23 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import find_adaptive_steps
 from pdrbench.inertial.step_detection import GENTLE, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.sensors.checks import rate_of
+
+
+@dataclass(frozen=True, slots=True)
+class StepCountParams:
+    """Settings of `StepCount`; with `adapts=false&detection.swing_g=0.2,2` they are the paper's.
+
+    Attributes:
+        detection: Of steps while the walk goes on.
+        adapts: Counts again when the walk is over, with a threshold that goes by the place of the phone and the person.
+    """
+
+    detection: StepParams = GENTLE
+    adapts: bool = True
+
+
+STEP_COUNT: Final = StepCountParams()
 
 
 class StepCount:
@@ -22,14 +37,13 @@ class StepCount:
     A step is known two or more steps late; when the walk is over, the count is dated back to when each step was made.
 
     Args:
-        params: Of step detection; None for `GENTLE`.
-        adapts: Counts again when the walk is over, by `find_adaptive_steps`.
+        params: See `StepCountParams`.
     """
 
     counts: ClassVar[str] = "steps"  # metres of its path are a count, no places
 
-    def __init__(self, params: StepParams | Mapping[str, Any] | None = None, *, adapts: bool = False) -> None:
-        self._params, self._adapts = merged(GENTLE, params, "step_count"), adapts
+    def __init__(self, params: StepCountParams = STEP_COUNT) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel",), start=True)
@@ -37,20 +51,20 @@ class StepCount:
         self._start = briefing.start
         heading_rad = briefing.start.heading_rad or 0.0
         self._ahead = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-        self._detector = StepDetector(briefing.sensors["accel"].rate_hz or 50.0, self._params)
+        self._detector = StepDetector(briefing.sensors["accel"].rate_hz or 50.0, self._params.detection)
         self._made_s: list[float] = []
         self._rows: list[FloatArray] = []
 
     def step(self, observation: Observation) -> Estimate:
         self._made_s += self._detector.update(observation["accel"]).peak_s.tolist()
-        if self._adapts:
+        if self._params.adapts:
             self._rows.append(observation["accel"].copy())
         return Estimate(xy_m=self._at(np.array([float(len(self._made_s))]))[0], level=self._start.level)
 
     def revise(self) -> FloatArray:
         """(K, 4) the count at every step, and before the first one."""
         self._made_s += self._detector.finish().peak_s.tolist()
-        if self._adapts:
+        if self._params.adapts:
             rows = np.concatenate(self._rows)
             self._made_s = find_adaptive_steps(rows, rate_of(rows[:, 0])).peak_s.tolist()
         t_s, last = np.unique(np.array([0.0, *self._made_s])[::-1], return_index=True)
@@ -60,13 +74,3 @@ class StepCount:
     def _at(self, count: FloatArray) -> FloatArray:
         """(n, 2) where the walker is after so many steps (n,)."""
         return np.asarray(self._start.xy_m + count[:, None] * self._ahead)
-
-
-def adaptive(params: StepParams | Mapping[str, Any] | None = None) -> StepCount:
-    """Counted again with a threshold that goes by the place of the phone and by the person."""
-    return StepCount(params, adapts=True)
-
-
-def literal() -> StepCount:
-    """With every number of the paper."""
-    return StepCount(StepParams())

@@ -6,19 +6,16 @@ The inequality on the distance is that of Skog, Nilsson, Zachariah, Handel (IPIN
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, path_heading_rad, wrap_rad
-from pdrbench.inertial import ROBUST, FootFilter, FootParams, FootStates, StrideSegmenter, check_units
+from pdrbench.inertial import REWEIGHTED, FootFilter, FootParams, FootStates, StrideSegmenter, check_units
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
-from pdrbench_baselines.foot_ins.settings import REWEIGHTED
 
 _UNITS: Final = (("accel", "gyro"), ("accel_2", "gyro_2"))
 _UNITS_AFTER_S: Final = 10.0  # a foot that stands says nothing of the unit of its rate
@@ -42,7 +39,7 @@ class FootPairParams:
         apart_sigma_m: How far apart the feet stand at the start, per axis.
     """
 
-    filter: FootParams = ROBUST
+    filter: FootParams = REWEIGHTED
     max_step_m: float = 0.9
     step_sigma_m: float = 0.05
     stride_sigma_m: float = 0.015
@@ -52,6 +49,9 @@ class FootPairParams:
     joined_after_m: float = 2.0
     joined_sigma_rad: float = math.radians(4.0)
     apart_sigma_m: float = 0.3
+
+
+FOOT_PAIR: Final = FootPairParams()
 
 
 class _Foot:
@@ -87,8 +87,8 @@ class FootPair:
     answer is the foot of `accel` and `gyro`.
     """
 
-    def __init__(self, params: FootPairParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(FootPairParams(), params, "foot_pair")
+    def __init__(self, params: FootPairParams = FOOT_PAIR) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=tuple(name for unit in _UNITS for name in unit), start=True)
@@ -207,8 +207,3 @@ def _turned(xy_m: FloatArray, angle_rad: float) -> FloatArray:
     """(2,) counter-clockwise."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([c * xy_m[0] - s * xy_m[1], s * xy_m[0] + c * xy_m[1]])
-
-
-def reweighted_pair() -> FootPair:
-    """`FootPair` over the filter of `foot_ins_adaptive-v2`."""
-    return FootPair(FootPairParams(filter=REWEIGHTED))

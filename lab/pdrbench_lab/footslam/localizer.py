@@ -1,4 +1,4 @@
-"""`footslam-v0`: strides and no plan; what was walked before is the map.
+"""`footslam`: strides and no plan; what was walked before is the map.
 
 P. Robertson, M. Angermann, B. Krach, UbiComp 2009; see `pdrbench_lab.footslam.cloud`.
 """
@@ -6,16 +6,14 @@ P. Robertson, M. Angermann, B. Krach, UbiComp 2009; see `pdrbench_lab.footslam.c
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench_lab.footslam.cloud import ADAPTIVE_FILTER, OdometryNoise, SlamCloud, SlamParams
 from pdrbench_lab.footslam.kernels import warm_up
 from pdrbench_lab.footslam.odometry import StrideSensor, level_heights, odometry_of
@@ -32,34 +30,37 @@ class FootSlamParams:
         level_height_m: Rise that counts as a level where the briefing has no building.
         sigma_factor: By which the spread of the particles is multiplied for `sigma_m`.
         least_sigma_m: Of `sigma_m`.
-        smooths: Revise the past when the walk is over (offline division).
+        revises: Whether ways are kept, from which `revise` gives the past.
     """
 
     cloud: SlamParams = field(default_factory=SlamParams)
     stride: OdometryNoise = field(default_factory=OdometryNoise)
     unit: OdometryNoise = ADAPTIVE_FILTER
-    level_height_m: float = 3.0  # as dead_reckoning-v0
-    sigma_factor: float = 0.9  # ours: train walks of OfficeStride-v2
+    level_height_m: float = 3.0  # as dead_reckoning
+    sigma_factor: float = 0.9  # ours: train walks of OfficeStride
     least_sigma_m: float = 0.05  # ours
-    smooths: bool = False
+    revises: bool = True
+
+
+FOOTSLAM: Final = FootSlamParams()
 
 
 class FootSlam:
     """Localises by strides and by a map of its own ways. Answers the mean of its particles.
 
     It reads no plan but for the heights of its levels, and those only for the number of the level, as
-    `dead_reckoning-v0` does. Levels have maps of their own: the level is the one whose height is nearest to that of all
+    `dead_reckoning` does. Levels have maps of their own: the level is the one whose height is nearest to that of all
     strides together, and a stride between two levels counts on the one where it ends.
 
     Without a heading of the start (a unit on the foot only) the frame is that of the first stride, and only aligned
     scores mean something.
 
     Args:
-        params: `FootSlamParams` or some of its fields.
+        params: See `FootSlamParams`; with `cloud.uses_map` false it is the odometry alone.
     """
 
-    def __init__(self, params: FootSlamParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(FootSlamParams(), params, "footslam")
+    def __init__(self, params: FootSlamParams = FOOTSLAM) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         self._odometry = odometry_of(briefing)
@@ -67,7 +68,7 @@ class FootSlam:
         assert briefing.start is not None
         start, p = briefing.start, self._params
         noise = p.stride if isinstance(self._odometry, StrideSensor) else p.unit
-        self._cloud = SlamCloud(start.xy_m, start.heading_rad or 0.0, noise, p.cloud, rng, remembers=p.smooths)
+        self._cloud = SlamCloud(start.xy_m, start.heading_rad or 0.0, noise, p.cloud, rng, remembers=p.revises)
         self._levels, self._height_m = level_heights(briefing, p.level_height_m)
         self._rise_m, self._num_strides = 0.0, 0
         self._mean = self._cloud.mean()
@@ -81,17 +82,19 @@ class FootSlam:
             self._num_strides += 1
         if len(advance.strides):
             self._mean = self._cloud.mean()
-        if self._params.smooths:
+        if self._params.revises:
             self._answers.append((observation.now_s, self._num_strides, self._level, advance.since_m))
         xy_m, heading_rad, sigma_m = self._placed(self._mean, advance.since_m)
         return Estimate(xy_m=xy_m, level=self._level, heading_rad=heading_rad, sigma_m=sigma_m)
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; empty for the causal localizer.
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where ways were not kept.
 
         The mean over the ways that led to the particles which are left, each with the weight that it has at the end.
         """
-        path = self._cloud.path() if self._params.smooths else []
+        if not self._params.revises:
+            return None
+        path = self._cloud.path()
         missing = self._num_strides + 1 - len(path)
         rows = []
         for t_s, stride, level, since_m in self._answers:
@@ -123,14 +126,3 @@ class FootSlam:
         placed_m: FloatArray = xy_m + since_m @ np.array([[c, s], [-s, c]])
         p = self._params
         return placed_m, heading_rad, math.hypot(p.sigma_factor * sigma_m, p.least_sigma_m)
-
-
-def without_map(params: Mapping[str, Any] | None = None) -> FootSlam:
-    """The same with counts that weigh nothing: the odometry of `footslam-v0` alone."""
-    params = dict(params or {})
-    return FootSlam({**params, "cloud": {**params.get("cloud", {}), "uses_map": False}})
-
-
-def smoothed(params: Mapping[str, Any] | None = None) -> FootSlam:
-    """`footslam-v0` with its past revised at the end (offline division)."""
-    return FootSlam({"smooths": True, **(params or {})})

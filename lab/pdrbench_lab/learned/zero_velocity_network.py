@@ -20,7 +20,7 @@ UNITS: Final = 80
 CHANNELS: Final = 6  # specific force, rate
 SCALES: Final = (10.0, 10.0, 10.0, 3.0, 3.0, 3.0)  # ours: m/s2, rad/s of a foot that walks
 # sha256 of the weights that come with pdrbench, by name
-PACKAGED: Final = {"foot_ins_lstm-v0": "9172be9ecf020c46f675fa2ac5d886b138758919345873976c8cfe2e8ef3ad68"}
+PACKAGED: Final = {"foot_ins_lstm": "9172be9ecf020c46f675fa2ac5d886b138758919345873976c8cfe2e8ef3ad68"}
 
 
 class ZeroVelocityNetwork(nn.Module):

@@ -55,8 +55,8 @@ def test_a_counter_errs_by_few_steps_and_standing_still_by_all(recorded):
     """Errors in metres are steps: the final count errs by at most 3 %, without any step by 100 %."""
     scores: dict[str, list[dict[str, float]]] = {}
     for result in evaluate(
-        ["step_count-v0", "stay-v0"], ENV, split="train", walks=2, isolation="none", seeds=1
+        ["step_count?adapts=false", "stay"], ENV, split="train", walks=2, isolation="none", seeds=1
     ).results:
         scores.setdefault(result.localizer, []).append(score(result))
-    assert all(one["drift_pct"] < 3 and one["p95_m"] < 6 for one in scores["step_count-v0"])
-    assert all(abs(one["drift_pct"] - 100) < 1 for one in scores["stay-v0"])
+    assert all(one["drift_pct"] < 3 and one["p95_m"] < 6 for one in scores["step_count?adapts=false"])
+    assert all(abs(one["drift_pct"] - 100) < 1 for one in scores["stay"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,18 +15,19 @@ from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.dead_reckoning import DeadReckoning
-from pdrbench_lab.footslam.localizer import FootSlam, smoothed, without_map
+from pdrbench_lab.footslam.cloud import OdometryNoise, SlamParams
+from pdrbench_lab.footslam.localizer import FootSlam, FootSlamParams
 
-NO_NOISE = {
-    "length_scale": 1.0,
-    "length_scale_sigma": 0.0,
-    "length_sigma_m": 0.0,
-    "drift_sigma_rad": 0.0,
-    "drift_walk_rad": 0.0,
-    "turn_sigma_rad": 0.0,
-    "heading_sigma_rad": 0.0,
-}
-FEW: dict[str, Any] = {"num_particles": 200}
+NO_NOISE = OdometryNoise(
+    length_scale=1.0,
+    length_scale_sigma=0.0,
+    length_sigma_m=0.0,
+    drift_sigma_rad=0.0,
+    drift_walk_rad=0.0,
+    turn_sigma_rad=0.0,
+    heading_sigma_rad=0.0,
+)
+FEW = SlamParams(num_particles=200)
 
 
 def brief(*sensors: str, heading_rad: float | None = 0.3, start: bool = True, mounting: str = "foot") -> Briefing:
@@ -53,7 +54,7 @@ def played(localizer: Localizer, rows: FloatArray, seed: int = 0) -> FloatArray:
 
 def test_without_noise_it_is_dead_reckoning(rng: np.random.Generator) -> None:
     rows = strides(rng)
-    found = played(FootSlam({"stride": NO_NOISE, "cloud": FEW}), rows)
+    found = played(FootSlam(FootSlamParams(stride=NO_NOISE, cloud=FEW)), rows)
     localizer = DeadReckoning()
     localizer.reset(brief("stride"), rng)
     for row, estimate in zip(rows, found, strict=True):
@@ -65,15 +66,18 @@ def test_without_noise_it_is_dead_reckoning(rng: np.random.Generator) -> None:
 def test_a_block_walked_again_narrows_the_spread_only_with_a_map(rng: np.random.Generator) -> None:
     rows = strides(rng, 160)
     rows[:, 2] = 0.0
-    with_map, without = played(FootSlam({"cloud": FEW}), rows), played(without_map({"cloud": FEW}), rows)
+    with_map, without = (
+        played(FootSlam(FootSlamParams(cloud=FEW)), rows),
+        played(FootSlam(FootSlamParams(cloud=replace(FEW, uses_map=False))), rows),
+    )
     assert with_map[-1, 3] < without[-1, 3] / 2
     assert without[-1, 3] > without[39, 3]
 
 
 def test_smoothed_answers_are_the_same_until_they_are_revised(rng: np.random.Generator) -> None:
-    rows, localizer = strides(rng), smoothed({"cloud": FEW})
+    rows, localizer = strides(rng), FootSlam(FootSlamParams(cloud=FEW))
     online = played(localizer, rows)
-    assert np.array_equal(online, played(FootSlam({"cloud": FEW}), rows))
+    assert np.array_equal(online, played(FootSlam(FootSlamParams(cloud=FEW, revises=False)), rows))
     revised = localizer.revise()
     assert np.array_equal(revised[:, 0], rows[:, 0])
     assert np.array_equal(revised[:, 3], online[:, 2])
@@ -81,10 +85,10 @@ def test_smoothed_answers_are_the_same_until_they_are_revised(rng: np.random.Gen
     assert played(localizer, rows, seed=0).tobytes() == online.tobytes()  # a reset forgets the walk before
 
 
-def test_the_causal_localizer_revises_nothing(rng: np.random.Generator) -> None:
-    localizer = FootSlam({"cloud": FEW})
+def test_what_was_not_kept_is_not_revised(rng: np.random.Generator) -> None:
+    localizer = FootSlam(FootSlamParams(cloud=FEW, revises=False))
     played(localizer, strides(rng))
-    assert len(localizer.revise()) == 0
+    assert localizer.revise() is None
 
 
 def walked(localizer: Localizer, turn_rad: float) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +109,7 @@ def walked(localizer: Localizer, turn_rad: float) -> tuple[FloatArray, FloatArra
 
 @pytest.mark.parametrize("turn_rad", [0.0, 0.2])
 def test_without_noise_a_foot_is_followed_between_its_strides_too(turn_rad: float) -> None:
-    found_m, true_m = walked(FootSlam({"unit": NO_NOISE, "cloud": FEW}), turn_rad)
+    found_m, true_m = walked(FootSlam(FootSlamParams(unit=NO_NOISE, cloud=FEW)), turn_rad)
     angle_rad = 0.3 - math.atan2(*true_m[np.argmax(np.hypot(*true_m.T) > 1.0)][::-1])
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     expected_m = [5.0, -2.0] + true_m @ np.array([[c, s], [-s, c]])
@@ -115,7 +119,7 @@ def test_without_noise_a_foot_is_followed_between_its_strides_too(turn_rad: floa
 
 
 def test_the_first_stride_leads_ahead_from_the_start() -> None:
-    found_m, true_m = walked(FootSlam({"cloud": FEW}), 0.0)
+    found_m, true_m = walked(FootSlam(FootSlamParams(cloud=FEW)), 0.0)
     away_m = np.hypot(*true_m.T)
     first = away_m < 1.0  # before the first stride is known
     ahead_m = [5.0, -2.0] + away_m[first, None] * [math.cos(0.3), math.sin(0.3)]
@@ -124,7 +128,7 @@ def test_the_first_stride_leads_ahead_from_the_start() -> None:
 
 
 def test_a_foot_that_never_rests_has_not_left_the_start(rng: np.random.Generator) -> None:
-    localizer, t_s = FootSlam({"cloud": FEW}), np.arange(0.005, 2.0, 0.005)
+    localizer, t_s = FootSlam(FootSlamParams(cloud=FEW)), np.arange(0.005, 2.0, 0.005)
     localizer.reset(brief("accel", "gyro"), rng)
     shaken = {
         name: np.column_stack([t_s, scale * rng.standard_normal((len(t_s), 3)) + [0.0, 0.0, rest]])

@@ -10,7 +10,7 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_lab.papers.li2012 import steps as li2012_steps
-from pdrbench_lab.step_count import StepCount
+from pdrbench_lab.step_count import StepCount, StepCountParams
 from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.people.route import navigation_mesh
 
@@ -77,7 +77,7 @@ def briefing(heading_rad: float | None) -> Briefing:
 
 @pytest.mark.parametrize(("heading_rad", "ahead"), [(None, (1.0, 0.0)), (np.pi / 2, (0.0, 1.0))])
 def test_a_metre_a_step_along_the_heading(heading_rad, ahead, rng):
-    rows, counter = accel_rows(20), StepCount()
+    rows, counter = accel_rows(20), StepCount(StepCountParams(adapts=False))
     counter.reset(briefing(heading_rad), rng)
     for part in np.array_split(rows, 28):
         answer = counter.step(Observation(float(part[-1, 0]), {"accel": part}))

@@ -1,5 +1,5 @@
-"""Learned inertial odometry in its published architectures: RoNIN's and TLIO's ResNet-18, EqNIO's equivariant frame.
+"""Learned inertial odometry in its published architectures: RoNIN's and TLIO's ResNet-18.
 
-`torch` is imported by `resnet`, `equivariant`, `inference`, `weights` and `train` only, `python -m
-pdrbench_lab.learned.odometry train` trains a network.
+`torch` is imported by `resnet`, `inference`, `weights` and `train` only; `python -m pdrbench_lab.learned odometry`
+trains a network.
 """

@@ -1,20 +1,19 @@
-"""`ronin-v0`, `tlio-v0` and `eqnio-v0`: dead reckoning by published networks, trained here."""
+"""`ronin` and `tlio`: dead reckoning by published networks, trained here."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench_baselines.learned.signals import turned
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ
 from pdrbench_lab.learned.odometry.cloning_filter import CloningFilter, CloningParams, rotation_matrix
@@ -34,13 +33,13 @@ class RoninParams:
     """Settings of `ronin`; ours unless a line says otherwise.
 
     Attributes:
-        weights: Name of weights that come with pdrbench, or a file.
+        weights: Name of weights that come with the laboratory, or a file.
         every: Samples at 200 Hz between windows; 10 in the paper, which costs four times as much.
         speed_sigma_m: Error of the displacement, per root second, for `sigma_m`: of other simulated people.
         scale_sigma, heading_sigma_rad: Of the whole way, as `learned`.
     """
 
-    weights: str = "ronin-v0"
+    weights: str = "ronin"
     every: int = 40
     speed_sigma_m: float = 0.3
     scale_sigma: float = 0.05
@@ -52,19 +51,23 @@ class TlioParams:
     """Settings of `tlio`; ours unless a line says otherwise.
 
     Attributes:
-        weights: Name of weights that come with pdrbench, or a file.
+        weights: Name of weights that come with the laboratory, or a file.
         every: Samples at 200 Hz between displacements; 10 in the paper, see `CloningParams.overlap`.
         scale_sigma, heading_sigma_rad: Of the whole way, beside the covariance of the filter, as `learned`.
         height_sigma_m: Added to that of the height of a displacement, which the network learned to be 0.
         filter: See `CloningParams`.
     """
 
-    weights: str = "tlio-v0"
+    weights: str = "tlio"
     every: int = 40
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(14.0)
     height_sigma_m: float = 0.1
     filter: CloningParams = field(default_factory=CloningParams)
+
+
+RONIN: Final = RoninParams()
+TLIO: Final = TlioParams()
 
 
 class Tracker(Protocol):
@@ -130,24 +133,28 @@ class Odometry:
         )
 
 
-def ronin(params: RoninParams | Mapping[str, Any] | None = None) -> Odometry:
-    """Adds up the mean velocities that RoNIN's network gives."""
-    own = merged(RoninParams(), params, "ronin")
-    return Odometry(own, lambda network, stream: RoninTracker(own, network, stream))
+class Ronin(Odometry):
+    """Adds up the mean velocities that RoNIN's network gives.
+
+    Args:
+        params: See `RoninParams`.
+    """
+
+    def __init__(self, params: RoninParams = RONIN) -> None:
+        super().__init__(params, lambda network, stream: RoninTracker(params, network, stream))
 
 
-def tlio(params: TlioParams | Mapping[str, Any] | None = None, *, weights: str = "tlio-v0") -> Odometry:
+class Tlio(Odometry):
     """An error-state filter with the displacements, and their covariance, that TLIO's network gives.
 
     The rotation vector gives the attitude at the start and, once a second, a yaw.
+
+    Args:
+        params: See `TlioParams`.
     """
-    own = merged(replace(TlioParams(), weights=weights), params, "tlio")
-    return Odometry(own, lambda network, stream: TlioTracker(own, network, stream))
 
-
-def equivariant(params: TlioParams | Mapping[str, Any] | None = None) -> Odometry:
-    """`tlio-v0` with a frame that turns with its input around the network: EqNIO."""
-    return tlio(params, weights="eqnio-v0")
+    def __init__(self, params: TlioParams = TLIO) -> None:
+        super().__init__(params, lambda network, stream: TlioTracker(params, network, stream))
 
 
 class RoninTracker:
@@ -252,15 +259,12 @@ def displacement(network: nn.Module, rows: FloatArray) -> tuple[FloatArray, Floa
 
     with torch.inference_mode():
         said = network(torch.from_numpy(np.ascontiguousarray(rows.T, dtype=np.float32))[None])
-        *frame, move_m, log_sigma = (one[0].numpy().astype(np.float64) for one in said)
-    axes = np.eye(3)
-    if frame:
-        axes[:2, :2] = frame[0]
-    return axes.T @ move_m, axes.T @ np.diag(np.exp(2.0 * log_sigma)) @ axes
+        move_m, log_sigma = (one[0].numpy().astype(np.float64) for one in said)
+    return move_m, np.diag(np.exp(2.0 * log_sigma))
 
 
 def load_network(weights: str) -> nn.Module:
-    """The network of a name or in a file; one that comes with pdrbench is known by its hash.
+    """The network of a name or in a file; one that comes with the laboratory is known by its hash.
 
     Raises:
         UnsuitableError: torch or safetensors is not installed.

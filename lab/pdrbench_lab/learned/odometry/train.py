@@ -1,4 +1,4 @@
-"""Training of `ronin`, `tlio` and `eqnio`: squared errors, then for the latter two Gaussian likelihood.
+"""Training of `ronin` and `tlio`: squared errors, then for the latter Gaussian likelihood.
 
 A step draws from a generator made of the seed and its number, so that a run that was resumed ends where one that was
 not does: the same numbers on a CPU with the same number of threads, where `minutes` do not cut it short.
@@ -22,7 +22,6 @@ from torch import Tensor, nn
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import BoolArray, IntArray
 from pdrbench_lab.learned.odometry.aligned import LENGTH
-from pdrbench_lab.learned.odometry.equivariant import EqNio
 from pdrbench_lab.learned.odometry.resnet import Ronin
 from pdrbench_lab.learned.odometry.weights import load_into, network_of, restore, store
 from pdrbench_lab.learned.odometry.windows import KINDS, MALL, PEOPLE, OdometryWindows, load_or_gather
@@ -43,7 +42,7 @@ class OdometryTrainParams:
     """Settings of a run; ours unless a line says otherwise.
 
     Attributes:
-        arch: "ronin", "tlio" or "eqnio".
+        arch: "ronin" or "tlio".
         kinds: Sources, some of `windows.KINDS`.
         people: Simulated people who walk for it.
         val_people: Others, on whom progress is measured.
@@ -296,13 +295,12 @@ class _Run:
 
 
 def _begin_with(network: nn.Module, trained: nn.Module) -> None:
-    """Copies what both have: the trunk, or of a network inside another one the whole."""
-    inner = network.backbone if isinstance(network, EqNio) and not isinstance(trained, EqNio) else network
-    own = inner.state_dict()
+    """Copies what both have: the trunk."""
+    own = network.state_dict()
     same = {name: values for name, values in trained.state_dict().items() if name in own}
-    if not any(name.startswith("residual_groups") or name.startswith("backbone") for name in same):
+    if not any(name.startswith("residual_groups") for name in same):
         raise PdrbenchError("the weights to begin with share no trunk with this network")
-    inner.load_state_dict(own | same)
+    network.load_state_dict(own | same)
 
 
 def loss_of(network: nn.Module, window: Tensor, move_m: Tensor, is_warm_up: bool) -> Tensor:
@@ -314,12 +312,7 @@ def loss_of(network: nn.Module, window: Tensor, move_m: Tensor, is_warm_up: bool
         error: Tensor = ((network(window) - move_m) ** 2).sum(dim=1)
         return error.mean()
     true_m = torch.cat([move_m, torch.zeros_like(move_m[:, :1])], dim=1)
-    if isinstance(network, EqNio):
-        frame, own_m, log_sigma = network(window)
-        flat = torch.einsum("nij,nj->ni", frame, true_m[:, :2])
-        true_m = torch.cat([flat, true_m[:, 2:]], dim=1)
-    else:
-        own_m, log_sigma = network(window)
+    own_m, log_sigma = network(window)
     error = (own_m - true_m) ** 2
     each: Tensor = error if is_warm_up else 0.5 * error * torch.exp(-2.0 * log_sigma) + log_sigma
     return each.sum(dim=1).mean()

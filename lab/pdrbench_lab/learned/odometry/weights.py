@@ -13,18 +13,16 @@ from torch import Tensor, nn
 
 from pdrbench.errors import DatasetError, unknown_name
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ
-from pdrbench_lab.learned.odometry.equivariant import EQNIO, EqNio
 from pdrbench_lab.learned.odometry.resnet import DROPOUT, RONIN, TLIO, Ronin, Tlio
 from pdrbench_lab.learned.weights import read
 
-ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio, EQNIO: EqNio}
-# sha256 of the weights that come with pdrbench, by name
+ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio}
+# sha256 of the weights that come with the laboratory, by name
 PACKAGED: Final[dict[str, str]] = {
-    "eqnio-v0": "c661c21127cfa3beef07ae6deb2c684d318b3d0996e18cd738bc3e5df9524327",
-    "tlio-v0": "e8fcaf29bdb881b976da0ec01a11cb0807ea205c24cfa007fa2d0c00de87478e",
-    "ronin-v0": "0a52c50fef8aaaf88392ccbb9ae1ba6efcdf3cc58ebf6f4d16a585440a93fbc1",
+    TLIO: "e8fcaf29bdb881b976da0ec01a11cb0807ea205c24cfa007fa2d0c00de87478e",
+    RONIN: "0a52c50fef8aaaf88392ccbb9ae1ba6efcdf3cc58ebf6f4d16a585440a93fbc1",
 }
-TRAIN: Final = "python -m pdrbench_lab.learned.odometry train"
+TRAIN: Final = "python -m pdrbench_lab.learned odometry"
 _FORM: Final = {"window": LENGTH, "rate_hz": RATE_HZ}
 _SCALE: Final = "#scale"
 _PACKED_FROM: Final = 4096  # values of a tensor; smaller ones stay as they are
