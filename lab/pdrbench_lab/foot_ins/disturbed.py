@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.inertial import ADAPTIVE, ROBUST
+from pdrbench.inertial import ADAPTIVE, REWEIGHTED, ROBUST
 from pdrbench.inertial.zero_velocity import nominal_rate_hz
-from pdrbench_baselines.foot_ins.settings import REWEIGHTED
 from pdrbench_lab.foot_ins.experiments import FootWalk
 from pdrbench_lab.foot_ins.left_out import available_walks, measured
 from pdrbench_lab.reproduce.reproduction import Claim, mean_over_walks

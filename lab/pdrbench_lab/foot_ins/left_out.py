@@ -22,8 +22,7 @@ from scipy.stats import chi2
 
 from pdrbench.datasets import is_available
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import ROBUST, FootParams, navigate
-from pdrbench_baselines.foot_ins.settings import REWEIGHTED
+from pdrbench.inertial import REWEIGHTED, ROBUST, FootParams, navigate
 from pdrbench_lab.foot_ins.experiments import (
     FootWalk,
     closure_m,

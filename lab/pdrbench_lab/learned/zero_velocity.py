@@ -113,7 +113,7 @@ class FootInsLstm(FootIns):
     """
 
     def __init__(
-        self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str = "foot_ins_lstm-v0"
+        self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str = "foot_ins_lstm"
     ) -> None:
         super().__init__(params)
         self._network = load_network(weights)

@@ -64,7 +64,7 @@ STATED_MISSED_PCT: Final = {"PD": (0.0, 0.0), "PD+H": (0.3, 0.5), "PD+H+DTW": (0
 
 
 def _measure(name: str, seeds: int = 20, quick_seeds: int = 1, of: str = "experiments") -> Experiment:
-    return Experiment(name, f"pdrbench_baselines.li2012.{of}:{name}", seeds, quick_seeds)
+    return Experiment(name, f"pdrbench_lab.papers.li2012.{of}:{name}", seeds, quick_seeds)
 
 
 # Claims of one experiment: what, the paper's statement, and the value.

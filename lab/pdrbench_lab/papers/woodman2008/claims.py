@@ -26,7 +26,7 @@ near = Gate.around
 
 
 def _measure(name: str, seeds: int = WALKS, *, of: str = "experiments", alone: bool = False) -> Experiment:
-    return Experiment(name, f"pdrbench_baselines.woodman2008.{of}:{name}", seeds, quick_seeds=1, alone=alone)
+    return Experiment(name, f"pdrbench_lab.papers.woodman2008.{of}:{name}", seeds, quick_seeds=1, alone=alone)
 
 
 _track, _track_drift = _measure("track"), _measure("track_drift")
