@@ -1,4 +1,8 @@
-"""`python -m pdrbench_lab.learned train --out DIR`, `measure`, `public`, `speed` and `figures`."""
+"""`python -m pdrbench_lab.learned`: networks are trained, measured and drawn.
+
+`train`, `measure`, `public`, `speed` and `figures` are of the networks of `learned`, `odometry`, `measure-odometry` and
+`pack` of those of `ronin` and `tlio`, `zero-velocity` of that of `foot_ins_lstm`.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,8 @@ from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
 from pdrbench_baselines.learned.constants import GAIT
 from pdrbench_lab.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
+from pdrbench_lab.learned.odometry.commands import add_commands
+from pdrbench_lab.learned.threads import INSTALL
 
 if TYPE_CHECKING:
     from pdrbench.recording import Recording
@@ -88,6 +94,18 @@ def main(arguments: list[str] | None = None) -> int:
     figures.add_argument("--windows", type=Path, required=True, help="folder of the windows of the runs")
     figures.add_argument("--out", type=Path, required=True, help="gets the pictures, and learned.json with the numbers")
     figures.set_defaults(run=_figures)
+    add_commands(commands)
+    zero = commands.add_parser("zero-velocity", help="train the detector of a foot that rests, on motion capture")
+    zero.add_argument("--out", type=Path, required=True, help="file of the weights")
+    zero.add_argument("--samples", type=Path, help="folder of the samples, for several runs")
+    zero.add_argument("--labels", choices=("speed", "authors"), default="authors", help="what says that the foot rests")
+    zero.add_argument("--steps", type=int, default=400)
+    zero.add_argument("--minutes", type=float, help="after which the run ends at the latest, its rate at nothing")
+    zero.add_argument("--batch", type=int, default=32)
+    zero.add_argument("--rate", type=float, default=1e-3)
+    zero.add_argument("--seed", type=int, default=0)
+    zero.add_argument("--device", default="cpu", help="cuda for a GPU")
+    zero.set_defaults(run=_zero_velocity)
     given = parser.parse_args(arguments)
     try:
         given.run(given)
@@ -101,7 +119,7 @@ def _train(given: argparse.Namespace) -> None:
     try:
         from pdrbench_lab.learned.train import ON_FOOT, TrainParams, train
     except ModuleNotFoundError as error:
-        raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
+        raise PdrbenchError(f"{error.name} is missing; run `{INSTALL}`") from error
     usual = ON_FOOT if given.carried == FOOT else TrainParams()
     chosen = tuple(given.data.split(",")) if given.data else usual.sources
     asked = ("arch", "width", "people", "val_people", "epochs", "memory_epochs")
@@ -220,6 +238,26 @@ def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
         print(f"{name}:")  # noqa: T201
         print(f"  OfficeFoot-v2 {split}: distance {distance_pct:.2f} %")  # noqa: T201
         print(f"  {OTHER_FEET} other people: {window_figures(network, feed, windows).line()}")  # noqa: T201
+
+
+def _zero_velocity(given: argparse.Namespace) -> None:
+    import torch
+
+    from pdrbench_lab.learned.zero_velocity_network import store
+    from pdrbench_lab.learned.zero_velocity_train import samples_of, train
+
+    torch.set_num_threads(1)
+    network = train(
+        samples_of(given.labels, given.samples),
+        given.steps,
+        given.batch,
+        given.rate,
+        given.seed,
+        given.minutes,
+        given.device,
+        say=lambda line: print(line, flush=True),  # noqa: T201
+    )
+    print(store(network, given.out))  # noqa: T201
 
 
 def _figures(given: argparse.Namespace) -> None:

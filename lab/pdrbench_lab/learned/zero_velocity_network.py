@@ -1,4 +1,4 @@
-"""The recurrent zero-velocity detector: six layers of 80 units. `zero_velocity_train` trains it."""
+"""The recurrent zero-velocity detector: six layers of 80 units, trained by `zero_velocity_train`."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Training of the zero-velocity detector on motion capture.
 
-    python -m pdrbench_lab.learned.zero_velocity_train --out zero_velocity.safetensors
+    python -m pdrbench_lab.learned zero-velocity --out zero_velocity.safetensors
 
 Three of four trials of `foot_vicon_2` are learned from: one person under motion capture who walks, runs, crawls and
 lifts the foot. No trial of `foot_vicon`, another day of the same person and unit, is: `FootVicon-v1` plays those. The
@@ -10,7 +10,6 @@ the threshold, that gives the least error of the trial.
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -26,7 +25,7 @@ from torch import Tensor, nn
 
 from pdrbench.geometry import BoolArray, IntArray
 from pdrbench_lab.learned.kept_arrays import keep, kept
-from pdrbench_lab.learned.zero_velocity_network import UNITS, ZeroVelocityNetwork, store
+from pdrbench_lab.learned.zero_velocity_network import UNITS, ZeroVelocityNetwork
 
 if TYPE_CHECKING:
     from pdrbench_lab.foot_ins.experiments import FootWalk
@@ -230,35 +229,3 @@ def _matrices(quaternions: Tensor) -> Tensor:
         *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     ]
     return torch.stack(rows, dim=1).reshape(-1, 3, 3)
-
-
-def main() -> None:
-    """Trains and stores a network."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--samples", type=Path, help="folder of the samples, for several runs")
-    parser.add_argument("--labels", choices=tuple(LABELS), default="authors")
-    parser.add_argument("--steps", type=int, default=400)
-    parser.add_argument("--minutes", type=float, help="after which the run ends at the latest, its rate at nothing")
-    parser.add_argument("--batch", type=int, default=32)
-    parser.add_argument("--rate", type=float, default=1e-3)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="cpu", help="cuda for a GPU")
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    samples = samples_of(given.labels, given.samples)
-    network = train(
-        samples,
-        given.steps,
-        given.batch,
-        given.rate,
-        given.seed,
-        given.minutes,
-        given.device,
-        say=lambda line: print(line, flush=True),  # noqa: T201
-    )
-    print(store(network, given.out))  # noqa: T201
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,7 @@
 """Distances and turns of the localizers of this package, as `learned.walks` measures those of a network.
 
 Lengths are summed from answer to answer. A localizer that extrapolates between the seconds of its network, as
-`learned` does, comes out too long by that: measure it with `python -m pdrbench_lab.learned measure`.
+`learned` does, comes out too long by that: measure it with `measure`.
 """
 
 from __future__ import annotations

@@ -1,22 +1,21 @@
-"""`python -m pdrbench_lab.learned.odometry train ronin --out DIR`, `measure` and `pack`."""
+"""The part of `python -m pdrbench_lab.learned` for published architectures: `odometry`, `measure-odometry`, `pack`."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Final
 
 from pdrbench.errors import PdrbenchError
+from pdrbench_lab.learned.threads import INSTALL
 
-ARCHITECTURES = ("ronin", "tlio", "eqnio")
+ARCHITECTURES: Final = ("ronin", "tlio")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the command; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m pdrbench_lab.learned.odometry", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    train = commands.add_parser("train", help="train a network, or go on where it was stopped")
+def add_commands(commands: Any) -> None:
+    """Adds them to the subparsers of `argparse`."""
+    train = commands.add_parser("odometry", help="train RoNIN's or TLIO's network, or go on where it was stopped")
     train.add_argument("arch", choices=ARCHITECTURES)
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
@@ -24,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--sets", type=Path, help="folder with RoNIN, RIDI, OxIOD or own walks; their train part is added"
     )
     train.add_argument("--only-sets", action="store_true", help="nothing else is learned from")
-    train.add_argument("--init", type=Path, default=None, help="trained weights to begin with: a trunk, or a backbone")
+    train.add_argument("--init", type=Path, default=None, help="trained weights to begin with: a trunk")
     train.add_argument("--steps", type=int, help="batches in all")
     train.add_argument("--batch", type=int, help="windows at a time")
     train.add_argument("--rate", type=float, help="of learning, at its largest")
@@ -38,29 +37,22 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=1)
     train.set_defaults(run=_train)
-    measure = commands.add_parser("measure", help="distances and turns on walks of environments, as `learned measure`")
-    measure.add_argument("localizer", nargs="+", help="ids, as ronin-v0")
+    measure = commands.add_parser("measure-odometry", help="distances and turns of localizers on walks of environments")
+    measure.add_argument("localizer", nargs="+", help="ids, as ronin")
     measure.add_argument("--env", action="append", required=True, help="id of an environment")
     measure.add_argument("--split", choices=("train", "val"), default="val")
     measure.set_defaults(run=_measure)
-    pack = commands.add_parser("pack", help="weights in 8 bits, as they come with pdrbench")
+    pack = commands.add_parser("pack", help="weights of `odometry` in 8 bits, as they come with the laboratory")
     pack.add_argument("weights", type=Path, help="model.safetensors of a run")
     pack.add_argument("out", type=Path)
     pack.set_defaults(run=_pack)
-    given = parser.parse_args(arguments)
-    try:
-        given.run(given)
-    except PdrbenchError as error:
-        print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        return 1
-    return 0
 
 
 def _train(given: argparse.Namespace) -> None:
     try:
         from pdrbench_lab.learned.odometry.train import OdometryTrainParams, line, train
     except ModuleNotFoundError as error:
-        raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
+        raise PdrbenchError(f"{error.name} is missing; run `{INSTALL}`") from error
     asked = ("steps", "minutes", "batch", "rate", "dropout", "warm_up", "people", "leave_out")
     params = OdometryTrainParams(arch=given.arch, seed=given.seed, threads=given.threads)
     if given.sets is not None:
@@ -102,7 +94,3 @@ def _pack(given: argparse.Namespace) -> None:
 
 def _line(figures: dict[str, float]) -> str:
     return ", ".join(f"{key} {value:.3f}" for key, value in figures.items())
-
-
-if __name__ == "__main__":
-    sys.exit(main())
