@@ -18,10 +18,10 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, FootFilter, FootParams, FootStates, Rest
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.foot_ins.localizer import FootIns, FootInsParams
+from pdrbench_lab.learned.threads import INSTALL, one_thread
 
 if TYPE_CHECKING:
-    from pdrbench_lab.learned.threads import INSTALL, one_thread
-from pdrbench_lab.learned.zero_velocity_network import ZeroVelocityNetwork
+    from pdrbench_lab.learned.zero_velocity_network import ZeroVelocityNetwork
 
 RATE_HZ: Final = 200.0  # of the recordings of the paper
 CONFIDENCE: Final = 0.85  # of the network, above which the foot rests; as the authors
