@@ -40,10 +40,13 @@ COMMANDS_GROUP = "pdrbench.commands"
 EXCHANGES_GROUP = "pdrbench.exchanges"  # what reads task files, packs and exports them
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
 WARM_UPS_GROUP = "pdrbench.warm_ups"
+LAUNCHERS_GROUP = "pdrbench.launchers"  # what starts processes of localizers, by the kind of isolation
 REPLAYED = "pdrbench.replays:replayed"  # a layer above: it needs sensors and attitudes
 PROTOCOLS_GROUP = "pdrbench.protocols"  # how many walks and seeds an environment is played with
 
 Thing = TypeVar("Thing")
+
+OURS = "pdrbench"  # this package, and its distribution
 
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench_leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
@@ -129,6 +132,15 @@ def localizers() -> Mapping[str, PluginEntry]:
 def entries(group: str) -> Mapping[str, PluginEntry]:
     """Everything registered in an entry-point group, by name."""
     return _scan(group)[0]
+
+
+def environment_packages() -> frozenset[str]:
+    """Top-level packages that register or define environments, and those registered as hidden."""
+    groups = (ENVIRONMENTS_GROUP, HIDDEN_GROUP)
+    modules = {point.value for group in groups for point in entry_points(group=group)} | {
+        entry.target for entry in environments().values()
+    }
+    return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {OURS}
 
 
 def find_entry(group: str, kind: str, name: str) -> PluginEntry:

@@ -18,10 +18,10 @@ import pytest
 from pdrbench.errors import PdrbenchError, PluginError
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.origin import localizer_target, target_sha256
-from pdrbench.isolation.read_permissions import permissions_of
-from pdrbench.isolation.shared_modules import shared_distributions, shared_modules
 from pdrbench.localizer_folder import FolderTarget, find_target, list_files, parse_settings, parse_target, read_settings
 from pdrbench.registry import load_localizer
+from pdrbench_leaderboard.confine.read_permissions import permissions_of
+from pdrbench_leaderboard.confine.shared_modules import shared_distributions, shared_modules
 
 ENV = "OfficeStride-v2"
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -73,7 +73,7 @@ def test_a_folder_is_run_in_every_isolation(folder: Path, monkeypatch: pytest.Mo
     for name in ("model", "parts", "parts.place"):  # left behind by the isolation "none"
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
         del sys.modules[name]
-    for isolation in ("auto", "none"):
+    for isolation in ("process", "none"):
         results = evaluate(str(folder), ENV, split="val", seeds=1, walks=1, isolation=isolation).results  # type: ignore[arg-type]
         assert (results[0].status, results[0].failure) == ("complete", "")
         assert np.array_equal(results[0].estimates.xy_m[0], [1.25, 1.5])
@@ -236,7 +236,7 @@ def test_with_packages_of_its_own_it_imports_nothing_else_that_is_installed(fold
     packages.mkdir()
     (packages / "foreign.py").write_text("WHERE = 'packages'\n")
     spec = f"{folder}@{packages}"
-    (result,) = evaluate(spec, ENV, split="val", seeds=1, walks=1).results
+    (result,) = evaluate(spec, ENV, split="val", seeds=1, walks=1, isolation="confined").results
     assert result.status == "failed"
     assert "No module named 'hypothesis'" in result.failure, result.failure
     isolation: Any = result.provenance["isolation"]

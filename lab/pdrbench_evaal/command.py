@@ -86,7 +86,7 @@ def play(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Write the server's list of estimates here.")
     ] = None,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
     as_json: AsJson = False,
 ) -> None:
     """Play one trial of a server with a localizer; exit 1 where it timed out."""
@@ -190,15 +190,15 @@ def _briefing(
 def _running(localizer: str, isolation: Any, period_s: float) -> Iterator[Player]:
     """The localizer, in a process of its own where that is wanted."""
     from pdrbench.evaluation.origin import localizer_target
-    from pdrbench.isolation.budget import Budget
-    from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
+    from pdrbench.process.budget import Budget
+    from pdrbench.process.localizer_process import LocalizerProcess, Terms
     from pdrbench.registry import make_localizer
 
     if isolation == "none":
         yield make_localizer(localizer)
         return
     terms = Terms(isolation, Budget(), period_s, NUM_STEPS)
-    isolated = IsolatedLocalizer(localizer, localizer_target(localizer), parameters={}, terms=terms)
+    isolated = LocalizerProcess(localizer, localizer_target(localizer), parameters={}, terms=terms)
     try:
         isolated.start()
         yield isolated

@@ -82,7 +82,7 @@ class Rules:
             raise PdrbenchError(f"a trial has V of 1 or more and S of 0 s or more; got {self.slowdown}, {self.slack_s}")
 
 
-STANDARD_RULES: Final = Rules()  # as `pdrbench.isolation.budget.Budget` has them
+STANDARD_RULES: Final = Rules()  # as `pdrbench.process.budget.Budget` has them
 
 
 class Trial:

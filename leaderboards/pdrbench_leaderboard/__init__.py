@@ -1,6 +1,8 @@
-"""Submissions: suites, bundles, checking, verification, and the leaderboards made of them."""
+"""Submissions: suites, bundles, checking, verification, confinement, and the leaderboards made of them."""
 
 PROTOCOLS = {"leaderboard": "pdrbench_leaderboard.suites:protocol"}
+
+LAUNCHERS = {"confined": "pdrbench_leaderboard.confine.launching:ConfinedLauncher"}
 
 COMMANDS = {
     "submit": "pdrbench_leaderboard.submit_command:app",

@@ -28,7 +28,7 @@ from pdrbench.localizer_folder import (
     weights_toml,
 )
 from pdrbench_leaderboard.bundle import read_members, write_members
-from pdrbench_leaderboard.locked import Locked, parse_lock
+from pdrbench_leaderboard.packages import Locked, parse_lock
 from pdrbench_leaderboard.plausibility import Finding
 
 ARCHIVE_FILE: Final = "folder.zip"  # its name in a bundle

@@ -24,7 +24,7 @@ PackagesFolder = Annotated[
         "--packages",
         metavar="FOLDER",
         file_okay=False,
-        help="Unpack wheels below this folder; on a cluster, one that all machines see.",
+        help="Install wheels below this folder; on a cluster, one that all machines see.",
         show_default="beside the cache",
     ),
 ]
@@ -41,8 +41,7 @@ def lock(folder: Folder, wheels: WheelsFolder = None) -> None:
     """Write the lock that a folder names: every wheel of another folder, with its sha256."""
     from pdrbench.evaluation.store import write_whole
     from pdrbench.localizer_folder import read_settings
-    from pdrbench_leaderboard.locked import lock_text
-    from pdrbench_leaderboard.wheels import lock_of
+    from pdrbench_leaderboard.packages import lock_of, lock_text
 
     if wheels is None:
         raise BundleError("name the folder of wheels with --wheels")
@@ -55,10 +54,10 @@ def lock(folder: Folder, wheels: WheelsFolder = None) -> None:
 
 
 def install(folder: Folder, wheels: WheelsFolder = None, packages: PackagesFolder = None) -> None:
-    """Unpack what a folder has locked, as verification does, and print what to run then."""
+    """Install what a folder has locked, as verification does, and print what to run then."""
     from pdrbench_leaderboard.folder_archive import pack_folder, read_archive
-    from pdrbench_leaderboard.wheels import default_place
-    from pdrbench_leaderboard.wheels import install as install_wheels
+    from pdrbench_leaderboard.packages import default_place
+    from pdrbench_leaderboard.packages import install as install_wheels
 
     installed = install_wheels(read_archive(pack_folder(folder)).lock, wheels, packages or default_place())
     for name, difference in installed.shared.items():

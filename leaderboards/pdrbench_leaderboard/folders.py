@@ -14,13 +14,12 @@ from packaging.utils import canonicalize_name
 from pdrbench.cli.output import note
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.origin import localizer_target
-from pdrbench.isolation.read_permissions import permissions_of
-from pdrbench.isolation.shared_modules import shared_distributions, shared_modules
 from pdrbench.localizer_folder import FolderTarget, find_target, parse_target
 from pdrbench.registry import localizers
+from pdrbench_leaderboard.confine.read_permissions import permissions_of
+from pdrbench_leaderboard.confine.shared_modules import shared_distributions, shared_modules
 from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, Archive, pack_folder, read_archive, unpack
-from pdrbench_leaderboard.locked import HOW_TO_LOCK
-from pdrbench_leaderboard.wheels import default_place, install
+from pdrbench_leaderboard.packages import HOW_TO_LOCK, default_place, install
 
 SOURCE_SUFFIX: Final = ".py"
 ARCHIVE_FOLDER: Final = "folder"  # into which an archive is unpacked

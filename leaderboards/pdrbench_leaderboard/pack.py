@@ -21,7 +21,7 @@ from pdrbench.evaluation.origin import package_sha256
 from pdrbench.evaluation.protocol import PROBED_WALKS, TRIED_WALKS
 from pdrbench.evaluation.randomness import check_nonce, new_nonce
 from pdrbench.evaluation.store import write_whole
-from pdrbench.isolation.budget import SuiteBudget
+from pdrbench.process.budget import SuiteBudget
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
 from pdrbench_leaderboard import coding

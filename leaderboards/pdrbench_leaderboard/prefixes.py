@@ -15,11 +15,11 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.errors import ResultError
-from pdrbench.evaluation.isolated_run import play_isolated
 from pdrbench.evaluation.origin import localizer_target, target_sha256
+from pdrbench.evaluation.process_run import play_in_child
 from pdrbench.evaluation.walk_job import WalkJob, plan_walks
-from pdrbench.isolation.budget import Budget
-from pdrbench.isolation.isolated import Isolation
+from pdrbench.process.budget import Budget
+from pdrbench.process.launch import Isolation
 from pdrbench.result import COMPLETE, OFFLINE, UNSUITABLE, Result
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
@@ -83,7 +83,7 @@ def check_prefixes(
     *,
     num_prefixes: int = NUM_PREFIXES,
     secret: str | None = None,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "confined",
 ) -> PrefixCheck:
     """Plays beginnings of a walk to fresh copies of a localizer and compares their answers with those of the result.
 
@@ -95,7 +95,7 @@ def check_prefixes(
         rng: Draws where the beginnings end; unknown to the localizer.
         num_prefixes: How many, of different lengths.
         secret: Behind the walk, where it is held out.
-        isolation: "auto" or "process", as for `evaluate`.
+        isolation: "confined" or "process", as for `evaluate`.
 
     Raises:
         ResultError: The localizer declined the walk, or its sources are others by now.
@@ -104,11 +104,11 @@ def check_prefixes(
     memory: dict[str, Any] = {}
     whole = result.estimates
     if result.division == OFFLINE:
-        whole = play_isolated(job, memory, io.BytesIO(), len(whole)).estimates
+        whole = play_in_child(job, memory, io.BytesIO(), len(whole)).estimates
     ends = np.arange(1, len(whole))
     lengths = tuple(sorted(rng.choice(ends, min(num_prefixes, len(ends)), replace=False).tolist()))
     for length in lengths:
-        played = play_isolated(job, memory, io.BytesIO(), length)
+        played = play_in_child(job, memory, io.BytesIO(), length)
         difference = first_difference(whole, played, length)
         if difference is not None:
             return PrefixCheck(result.env, result.walk, result.seed, lengths, difference)

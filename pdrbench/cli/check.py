@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, complete_env, complete_localizer
+from pdrbench.cli.options import LOCALIZER_HELP, Confined, complete_env, complete_localizer, isolation_of
 from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
 from pdrbench.cli.ready import check_localizer_exists
 
@@ -45,14 +45,16 @@ def localizer(
             show_default="the first that suits it",
         ),
     ] = None,
+    confined: Confined = False,
     as_json: AsJson = False,
 ) -> None:
     """Check a localizer; exit 1 where a check fails."""
     with answer_only(as_json):
-        from pdrbench.cli.isolated_check import check_isolated
+        from pdrbench.cli.process_check import check_in_process
 
-        check_localizer_exists(name, "auto")
-        checks = check_isolated(name, env)
+        kind = isolation_of("process", confined=confined)
+        check_localizer_exists(name, kind)
+        checks = check_in_process(name, env, kind)
     _print_checks(checks, as_json)
 
 

@@ -9,6 +9,7 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
+    Confined,
     Isolation,
     Jobs,
     Nonce,
@@ -20,6 +21,7 @@ from pdrbench.cli.options import (
     complete_env,
     complete_localizer,
     exit_on,
+    isolation_of,
     make_folder,
     nonce_of,
     write_text,
@@ -65,7 +67,8 @@ def compare(
         bool, typer.Option("--all", help="Name every localizer that is left out, and why, in place of their number.")
     ] = False,
     strict: Strict = False,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
+    confined: Confined = False,
     nonce: Nonce = "",
     scheduler: Scheduler = None,
     as_json: AsJson = False,
@@ -87,7 +90,8 @@ def compare(
         make_folder(out)
         for wanted in filter(None, (latex, html)):
             write_text(wanted, "")  # so that a place that cannot be written is reported before the walks
-        localizers = suited_localizers(localizer, envs, split, isolation, shows_all=every)
+        kind = isolation_of(isolation, confined=confined)
+        localizers = suited_localizers(localizer, envs, split, kind, shows_all=every)
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
         from pdrbench.report import comparison_page, write_report
@@ -101,7 +105,7 @@ def compare(
                 walks=walks,
                 jobs=jobs,
                 out=out / RESULTS_FOLDER,
-                isolation=isolation,
+                isolation=kind,
                 nonce=nonce,
                 progress=True,
             )

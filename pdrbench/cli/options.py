@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 import typer
 
 from pdrbench.cli.output import note
-from pdrbench.errors import ResultError
+from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.registry import environments, localizers
 
-IsolationKind = Literal["auto", "confined", "process", "none"]  # as `evaluate` takes it
+IsolationKind = Literal["process", "none"]
 
 
 def complete_env(incomplete: str) -> list[str]:
@@ -63,8 +63,15 @@ Isolation = Annotated[
     typer.Option(
         "--isolation",
         metavar="KIND",
-        help="auto: a process for every walk, confined as far as the system lets us; confined: an error where it does "
-        "not; process: only a process; none: this process, for debugging.",
+        help="process: a process of its own, which plays one walk after the other; none: this process, for debugging.",
+    ),
+]
+Confined = Annotated[
+    bool,
+    typer.Option(
+        "--confined",
+        help="Play every walk alone, as strangers' code is verified: without files, networks and other processes. "
+        "Linux only.",
     ),
 ]
 Nonce = Annotated[
@@ -85,6 +92,13 @@ Scheduler = Annotated[
         show_default="this machine",
     ),
 ]
+
+
+def isolation_of(isolation: IsolationKind, *, confined: bool) -> Literal["process", "confined", "none"]:
+    """What localizers run in, as `evaluate` takes it."""
+    if confined and isolation == "none":
+        raise PdrbenchError("--confined is of a process of its own, and --isolation none of this one: leave one out")
+    return "confined" if confined else isolation
 
 
 def make_folder(folder: Path) -> Path:

@@ -93,7 +93,7 @@ def newest_versions(names: Iterable[str]) -> dict[str, str]:
     }
 
 
-def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: str = "auto") -> tuple[str, ...]:
+def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: str = "process") -> tuple[str, ...]:
     """Those named, or every registered one; says which are left out and why.
 
     Raises:
@@ -110,7 +110,7 @@ def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: 
 
 
 def sorted_out(
-    named: Sequence[str] | None, split: str | None, isolation: str = "auto"
+    named: Sequence[str] | None, split: str | None, isolation: str = "process"
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Localizers to run, and the reason by name of those that are left out; raises as `ready_localizers`."""
     from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken, canonical_localizer

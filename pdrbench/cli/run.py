@@ -9,6 +9,7 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
+    Confined,
     Isolation,
     Jobs,
     Nonce,
@@ -20,6 +21,7 @@ from pdrbench.cli.options import (
     complete_env,
     complete_localizer,
     exit_on,
+    isolation_of,
     make_folder,
     nonce_of,
 )
@@ -45,7 +47,8 @@ def run(
         ),
     ] = None,
     strict: Strict = False,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
+    confined: Confined = False,
     nonce: Nonce = "",
     scheduler: Scheduler = None,
     as_json: AsJson = False,
@@ -61,8 +64,8 @@ def run(
     )
 
     with answer_only(as_json):
-        nonce = nonce_of(nonce)
-        check_localizer_exists(localizer, isolation)
+        nonce, kind = nonce_of(nonce), isolation_of(isolation, confined=confined)
+        check_localizer_exists(localizer, kind)
         env = ready_environment(env, split)
         if out is not None:
             make_folder(out)
@@ -78,7 +81,7 @@ def run(
                 walks=walks,
                 jobs=jobs,
                 out=out,
-                isolation=isolation,
+                isolation=kind,
                 nonce=nonce,
                 progress=True,
             )

@@ -15,7 +15,7 @@ from types import FrameType, TracebackType
 from typing import IO, Any, Final
 
 from pdrbench.episode import STEP
-from pdrbench.isolation.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
+from pdrbench.process.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 
 REPEAT_S: Final = 0.2  # a localizer that swallows the alarm gets it again after this long
 MIN_TIMER_S: Final = 1e-3  # a timer of 0 s would be none

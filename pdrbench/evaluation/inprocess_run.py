@@ -16,8 +16,8 @@ from pdrbench.evaluation.deadlines import Deadlines
 from pdrbench.evaluation.jobs import Finished, JobContext
 from pdrbench.evaluation.randomness import generator
 from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, NONE, WalkJob, load_walk, provenance_of, refused
-from pdrbench.isolation.budget import CONSTRUCTION
 from pdrbench.localizer import Localizer
+from pdrbench.process.budget import CONSTRUCTION
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, make_localizer
 from pdrbench.result import FAILED, UNSUITABLE, Result

@@ -21,7 +21,7 @@ import psutil  # type: ignore[import-untyped]
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
-from pdrbench.isolation.budget import SuiteBudget
+from pdrbench.process.budget import SuiteBudget
 from pdrbench.registry import PluginError
 
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives

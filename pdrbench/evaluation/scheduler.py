@@ -16,7 +16,7 @@ from pdrbench.evaluation.jobs import Job, JobContext, Outcome, finish, run_jobs
 from pdrbench.evaluation.locks import cleanup, crashed_workers, result_locks
 from pdrbench.evaluation.progress import Advance, reporting
 from pdrbench.files import sync
-from pdrbench.isolation.child_process import BEGUN
+from pdrbench.process.child_process import BEGUN
 from pdrbench.result import COMPLETE
 
 WAIT_S: Final = 0.2  # between looks at what another run on the same folder computes

@@ -15,16 +15,15 @@ from typing import Any, Final, get_args
 from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation import pool, store
 from pdrbench.evaluation.inprocess_run import compute_in_process
-from pdrbench.evaluation.isolated_run import compute_isolated
 from pdrbench.evaluation.jobs import JobContext, check_counts
+from pdrbench.evaluation.process_run import compute_in_child
 from pdrbench.evaluation.protocol import PROBED_WALKS
 from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
-from pdrbench.isolation.budget import Budget, SuiteBudget
-from pdrbench.isolation.isolated import Isolation
-from pdrbench.isolation.spawned import NOT_CONFINED, announce
+from pdrbench.process.budget import Budget, SuiteBudget
+from pdrbench.process.launch import Isolation
 from pdrbench.registry import canonical_localizer
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
@@ -43,7 +42,7 @@ def evaluate(
     walks: int | Sequence[str] | None = None,
     jobs: int = 1,
     out: Path | str | None = None,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
     budget: Budget = STANDARD,
     progress: bool = False,
     parameters: Mapping[str, Any] | None = None,
@@ -71,10 +70,10 @@ def evaluate(
         jobs: Processes; none of them is this one.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
-        isolation: "auto": every walk has a process of its own, which may do as little as the system can make sure of,
-            and the result says what held; "confined": an error where that is not enough to keep it from files and
-            networks; "process": such a process without that; "none": this process, for debugging: a localizer that
-            crashes takes it down.
+        isolation: "process": in a process of its own, which plays one walk after the other; "confined": every walk
+            alone, in a process that may do as little as the system can make sure of, as strangers' code is verified:
+            the result says what held, and an error where that does not keep it from files and networks; "none": in
+            this process, for debugging: a localizer that crashes takes it down.
         budget: Wall time of every localizer.
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
@@ -98,8 +97,6 @@ def evaluate(
     if check_nonce(nonce) and secret is not None:
         raise PdrbenchError(f"the nonce of the split {HELD_OUT!r} follows from its secret: leave it out")
     _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
-    if progress and isolation == "auto":
-        announce()
     if parameters and (num_specs := len({spec for of in specs.values() for spec in of})) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {num_specs}: run them one by one")
     jobs_to_do = plan_walks(
@@ -118,7 +115,7 @@ def evaluate(
             folder=folder,
             run=uuid.uuid4().hex,
             owner=0 if isolation == NONE else os.getpid(),
-            compute=compute_in_process if isolation == NONE else compute_isolated,
+            compute=compute_in_process if isolation == NONE else compute_in_child,
             keeps=out is not None,
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
             suite_budget=suite_budget,
@@ -182,8 +179,6 @@ def _canonical(names: Sequence[str], loads: bool | None) -> list[str]:
 def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:
     if isolation not in get_args(Isolation):
         raise PdrbenchError(f"isolation is one of {', '.join(get_args(Isolation))}; got {isolation!r}")
-    if isolation == "confined" and NOT_CONFINED:
-        raise PdrbenchError(f"confinement was asked for: {NOT_CONFINED}")
     if isolation == NONE and jobs > 1:
         raise PdrbenchError(f"isolation 'none' runs localizers in this process, one after the other; got {jobs} jobs")
     if on_cluster and isolation == NONE:

@@ -23,9 +23,8 @@ from pdrbench.evaluation.origin import (
 )
 from pdrbench.evaluation.protocol import protocol_of
 from pdrbench.evaluation.randomness import secret_nonce
-from pdrbench.isolation.budget import Budget
-from pdrbench.isolation.isolated import Isolation
-from pdrbench.isolation.read_permissions import permissions_of
+from pdrbench.process.budget import Budget
+from pdrbench.process.launch import Isolation, find_launcher
 from pdrbench.registry import make_task, task_place
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
@@ -90,8 +89,9 @@ def plan_walks(
     nonce = nonce if secret is None else secret_nonce(secret)
     targets = {spec: localizer_target(spec) for of_env in specs.values() for spec in of_env}
     if isolation != NONE:
+        launcher = find_launcher(isolation)
         for spec, target in targets.items():
-            permissions_of(spec, target)  # raises where a child could not load it
+            launcher.check(spec, target)
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
     jobs = []
     places: dict[str, str] = {}

@@ -25,8 +25,8 @@ from pdrbench.gym.checking import (
     require_equal,
     run_check,
 )
-from pdrbench.isolation.watched import Watched
 from pdrbench.localizer import Briefing, Localizer, Observation
+from pdrbench.process.watched import Watched
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import environments, make_localizer, make_task
 from pdrbench.result import COMPLETE, OFFLINE, UNSUITABLE, Result
@@ -49,7 +49,7 @@ def check_localizer(
         task: Environment to test it on; None: the first registered one that it does not decline, with a known start if
             possible.
         seconds: Length of the beginning.
-        make_watched: Makes one with the attributes of `pdrbench.isolation.watched.Watched`; that where None.
+        make_watched: Makes one with the attributes of `pdrbench.process.watched.Watched`; that where None.
     """
 
     def make() -> Localizer:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from pdrbench.isolation import Budget
-from pdrbench.isolation.landlock import Ruleset
+from pdrbench.process import Budget
+from pdrbench_leaderboard.confine.landlock import Ruleset
 from pdrbench.registry import make_task
 
 MINE = """
@@ -134,7 +134,7 @@ def test_check_fails_localizers_that_break_the_rules(command: Any) -> None:
 def test_check_survives_localizers_that_end_or_block_its_process(
     name: str, why: str, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdrbench.cli.isolated_check.BUDGET", Budget(pace=0.5, slack_s=0.0, start_s=10.0))
+    monkeypatch.setattr("pdrbench.cli.process_check.BUDGET", Budget(pace=0.5, slack_s=0.0, start_s=10.0))
     outcome = command("check", "localizer", f"mine.py:{name}", "--json")
     found = {check["name"]: check for check in outcome.json["checks"]}
     assert outcome.code == 1 and why in found["answers every observation"]["why"]
@@ -185,7 +185,7 @@ def test_check_unpickles_nothing_that_a_stranger_sends(command: Any, stranger: P
 
 @pytest.mark.confinement
 def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> None:
-    outcome = command("check", "localizer", "stranger.py:Snoops", "--json")
+    outcome = command("check", "localizer", "stranger.py:Snoops", "--confined", "--json")
     assert outcome.code == 1
     try:
         Ruleset()

@@ -132,7 +132,7 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
         "jobs": 2,
         "out": tmp_path / "o/results",
         "progress": True,
-        "isolation": "auto",
+        "isolation": "process",
         "nonce": "7" * 32,
     }
 

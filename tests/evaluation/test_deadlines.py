@@ -13,7 +13,7 @@ import pytest
 
 import pdrbench.evaluation.deadlines as deadlines_module
 from pdrbench.evaluation.deadlines import Alarm, Deadlines
-from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout
+from pdrbench.process import Budget, LocalizerExit, LocalizerTimeout
 
 PERIOD_S = 1.0
 WITHOUT_POSIX = not hasattr(deadlines_module.signal, "setitimer")

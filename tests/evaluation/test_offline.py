@@ -13,7 +13,7 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, retrace
-from pdrbench.isolation import Budget
+from pdrbench.process import Budget
 from pdrbench.result import Result
 
 NUM_ANSWERS = 13  # of a walk along the corridor, a second apart; a stride at each but the first

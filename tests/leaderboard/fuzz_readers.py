@@ -19,27 +19,27 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["pdrbench_leaderboard", "pdrbench.isolation", "zipfile", "tomllib"]):
+with atheris.instrument_imports(include=["pdrbench_leaderboard", "pdrbench.process", "zipfile", "tomllib"]):
     import zipfile
 
     import numpy as np
+    from pdrbench_leaderboard.locked import lock_text, parse_lock
+    from pdrbench_leaderboard.wheel_unpacking import WheelError
+    from pdrbench_leaderboard.wheel_unpacking import unpack as unpack_wheel
 
     from pdrbench.episode import EstimateRow, read_estimate
     from pdrbench.errors import BundleError, EstimateError, PdrbenchError
-    from pdrbench.isolation import messages
+    from pdrbench.process import messages
     from pdrbench.trajectory import ESTIMATE_COLUMNS
     from pdrbench_leaderboard import coding
     from pdrbench_leaderboard.bundle import read_bundle, write_bundle, write_members
     from pdrbench_leaderboard.card import EXAMPLE, card_toml, read_card
     from pdrbench_leaderboard.entry import Submission
     from pdrbench_leaderboard.folder_archive import Archive, read_archive, unpack
-    from pdrbench_leaderboard.locked import lock_text, parse_lock
     from pdrbench_leaderboard.manifest import Manifest, RunRecord
     from pdrbench_leaderboard.schema import read_json, read_toml, write_json
     from pdrbench_leaderboard.signing import CONTEXT, PublicKey, Signed, key_id, new_key, read_keys, sign, signed_text
     from pdrbench_leaderboard.verification import HeldOut, Verification, read_verification
-    from pdrbench_leaderboard.wheel_unpacking import WheelError
-    from pdrbench_leaderboard.wheel_unpacking import unpack as unpack_wheel
 
 from example_bundle import LOCALIZER_FOLDER, LOCK, example  # type: ignore[import-not-found]  # beside this script
 

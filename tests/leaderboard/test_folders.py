@@ -6,9 +6,7 @@ import dataclasses
 import hashlib
 import importlib.metadata
 import io
-import os
 import shutil
-import sys
 import textwrap
 import zipfile
 from collections.abc import Callable
@@ -18,18 +16,16 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError, PluginError
-from pdrbench.isolation.shared_modules import shared_distributions
-from pdrbench_leaderboard import folder_archive, wheel_unpacking, wheels
+from pdrbench_leaderboard import folder_archive, packages
 from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle, write_members
 from pdrbench_leaderboard.checking import check_bundle
+from pdrbench_leaderboard.confine.shared_modules import shared_distributions
 from pdrbench_leaderboard.folder_archive import pack_folder, read_archive, unpack
 from pdrbench_leaderboard.folders import Supplies, check_packable, make_runnable
-from pdrbench_leaderboard.locked import Locked, lock_text, parse_lock
 from pdrbench_leaderboard.pack import make_bundle, play_suite
+from pdrbench_leaderboard.packages import Locked, install, lock_of, lock_text, parse_lock
 from pdrbench_leaderboard.suites import Suite
 from pdrbench_leaderboard.verify import Terms, verify
-from pdrbench_leaderboard.wheel_unpacking import WheelError
-from pdrbench_leaderboard.wheels import install, lock_of
 
 from .conftest import SECRET, card_named
 from .made_wheels import FOREIGN, make_wheel
@@ -114,14 +110,13 @@ def test_a_lock_is_read_as_pip_writes_it() -> None:
         ("foo==1.0", "has no sha256"),
         ("foo==1.0 --hash=md5:" + "0" * 32, "has no sha256"),
         ("foo==1.0 --hash=sha256:" + SHA + " --hash=md5:1", "has no sha256"),
-        ("foo==one.two --hash=sha256:" + SHA, "Invalid version"),
-        ("foo==1.0 ; colour == 'red' --hash=sha256:" + SHA, "foo"),
+        ("foo==one.two --hash=sha256:" + SHA, "not one version"),
+        ("foo==1.0 ; colour == 'red' --hash=sha256:" + SHA, "not one version"),
         (f"foo==1.0 --hash=sha256:{SHA}\nFoo==2.0 --hash=sha256:{SHA}", "locks foo twice"),
         ("\udcff", "no text"),
-        (f"foo==1.0 ; {'(' * 900} --hash=sha256:{SHA}", "foo"),
-        ("foo==1.0 ;" + " --hash=x" * 11_000 + "!", "foo"),
-        ("a \\\n" * 300_000, "more than 100000 characters"),
-        ("[" * 99_000, "not one version"),
+        (f"foo==1.0 ; {'(' * 900} --hash=sha256:{SHA}", "not one version"),
+        ("foo==1.0 ;" + " --hash=x" * 11_000 + "!", "not one version"),
+        ("a \\\n" * 300_000, "more than 1000 characters"),
     ],
 )
 def test_whatever_is_not_locked_with_its_digest_is_refused(line: str, why: str) -> None:
@@ -140,7 +135,7 @@ def test_what_is_locked_is_unpacked_once_and_offline(
     assert [path.name for path in (tmp_path / "packages").iterdir()] == [installed.folder.name], (
         "nothing is left behind"
     )
-    monkeypatch.setattr(wheels, "_unpack", None)
+    monkeypatch.setattr(packages, "_run_pip", None)
     assert install(lock_of(cache), cache, tmp_path / "packages").folder == installed.folder
 
 
@@ -152,19 +147,10 @@ def test_each_wheel_that_is_not_there_has_an_error_of_its_own(cache: Path, tmp_p
             install([locked], folder, tmp_path / "packages")
 
     refused(foreign, None, "name a folder of wheels with --wheels")
-    refused(foreign, tmp_path / "nowhere", r"no wheel of foreign 1\.0 is in .*nowhere: `pip download")
-    refused(dataclasses.replace(foreign, version="1.1"), cache, r"no wheel of foreign 1\.1")
-    refused(dataclasses.replace(foreign, sha256=frozenset({SHA})), cache, "not the one that was locked")
+    refused(dataclasses.replace(foreign, version="1.1"), cache, r"pip cannot install .*foreign==1\.1")
+    refused(dataclasses.replace(foreign, sha256=frozenset({SHA})), cache, "DO NOT MATCH THE HASHES")
     make_wheel(tmp_path / "other", tag="cp27-cp27m-win32")
-    refused(foreign, tmp_path / "other", "is not for Python 3")
-    make_wheel(tmp_path / "needy", needs=["numpy>=1", "absent>=2 ; extra == 'all'", "missing-one (>=2)"])
-    (needy,) = lock_of(tmp_path / "needy")
-    refused(needy, tmp_path / "needy", "foreign needs missing-one, which is not locked")
-    (tmp_path / "torn").mkdir()
-    whole = (cache / "foreign-1.0-py3-none-any.whl").read_bytes()
-    (tmp_path / "torn/foreign-1.0-py3-none-any.whl").write_bytes(whole[:-30])
-    (torn,) = lock_of(tmp_path / "torn")
-    refused(torn, tmp_path / "torn", "wheels cannot be unpacked: foreign-1.0-py3-none-any.whl is no wheel")
+    refused(foreign, tmp_path / "other", "pip cannot install")
     assert not [*(tmp_path / "packages").iterdir()], "nothing is left behind"
 
 
@@ -177,82 +163,6 @@ def test_a_folder_of_wheels_is_locked_with_one_version_of_each(tmp_path: Path) -
     make_wheel(tmp_path, version="1.1")
     with pytest.raises(BundleError, match="in two versions"):
         lock_of(tmp_path)
-
-
-def zipped(members: dict[str, bytes], attributes: int = 0) -> io.BytesIO:
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, member in members.items():
-            info = zipfile.ZipInfo(name)
-            info.external_attr = attributes << 16
-            info.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(info, member)
-    return content
-
-
-@pytest.mark.parametrize(
-    "name", ["../escape.py", "/etc/escape.py", "a/../../escape.py", "a\\..\\escape.py", "c:escape.py", "x" * 1001]
-)
-def test_no_file_of_a_wheel_leaves_its_folder(tmp_path: Path, name: str) -> None:
-    (tmp_path / "packages").mkdir()
-    with pytest.raises(WheelError, match="has a file with the name"):
-        wheel_unpacking.unpack(zipped({name: b""}), "odd.whl", tmp_path / "packages", 1000)
-    assert not [*tmp_path.rglob("*escape*")]
-
-
-def test_what_swells_links_or_collides_is_refused_and_scripts_are_left_out(tmp_path: Path) -> None:
-    def unpacked(members: dict[str, bytes], attributes: int = 0, left: int = 1000) -> int:
-        return wheel_unpacking.unpack(zipped(members, attributes), "odd.whl", tmp_path, left)
-
-    with pytest.raises(WheelError, match="bytes when it is unpacked"):
-        unpacked({"big.py": bytes(1001)})
-    with pytest.raises(WheelError, match="link or no plain file"):
-        unpacked({"link": b"/etc/passwd"}, attributes=0o120777)
-    with pytest.raises(WheelError, match="there already"):
-        unpacked({"a": b"", "a/b.py": b""})
-    members = {
-        "x-1.data/scripts/x": b"#!",
-        "x-1.data/purelib/x.py": b"x = 1",
-        "x.pth": b"import os",
-        "y/__init__.py": b"",
-    }
-    assert unpacked(members) == 1000 - 5
-    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"big.py", "a", "x.py", "__init__.py"}
-
-
-@pytest.mark.confinement
-def test_wheels_are_unpacked_by_a_process_that_reaches_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / "packages").mkdir()
-    (tmp_path / "secret").write_text("5ec2e7")
-    child = os.fork()
-    if not child:
-        code = 1
-        try:
-            wheel_unpacking.confine_to([], str(tmp_path / "packages"))
-            (tmp_path / "packages/file").write_text("x")
-            reached = []
-            for act in ((tmp_path / "secret").read_text, lambda: (tmp_path / "other").write_text("x"), os.fork):
-                try:
-                    act()
-                    reached.append(act)
-                except OSError:
-                    pass
-            code = 0 if not reached else 2
-        finally:
-            os._exit(code)
-    _, status = os.waitpid(child, 0)
-    if not wheels_are_confined():
-        pytest.skip("this system has no Landlock")
-    assert os.waitstatus_to_exitcode(status) == 0
-
-
-def wheels_are_confined() -> bool:
-    from pdrbench.isolation.landlock import version
-
-    try:
-        return sys.platform == "linux" and version() > 0
-    except OSError:
-        return False
 
 
 def test_a_folder_is_the_same_bytes_and_comes_back(net: Path, tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ import pytest
 from pdrbench.episode import Episode
 from pdrbench.errors import RecordingError, ResultError
 from pdrbench.evaluation import evaluate
-from pdrbench.evaluation.isolated_run import play_isolated
+from pdrbench.evaluation.process_run import play_in_child
 from pdrbench.evaluation.walk_job import plan_walks
-from pdrbench.isolation import Budget
+from pdrbench.process import Budget
 from pdrbench.registry import make_task
 from pdrbench.result import COMPLETE, OFFLINE, Result
 from pdrbench_leaderboard.prefixes import check_prefixes, first_difference
@@ -93,9 +93,9 @@ def whole(spec: str, nonce: str = "", walk: int = 0) -> Result:
     """The result of a walk that this process plays, so that a test can leak something into it."""
     budget = Budget(start_s=60.0)
     jobs = plan_walks(
-        {ENV: [spec]}, split="test", seeds=[2], walks=9, parameters={}, budget=budget, isolation="auto", nonce=nonce
+        {ENV: [spec]}, split="test", seeds=[2], walks=9, parameters={}, budget=budget, isolation="confined", nonce=nonce
     )
-    return play_isolated(jobs[walk], {}, io.BytesIO())
+    return play_in_child(jobs[walk], {}, io.BytesIO())
 
 
 @pytest.mark.parametrize("name", ["Honest", "Revises", "Breaks"])

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pdrbench.isolation.shared_modules import shared_distributions
 from pdrbench_leaderboard.bundle import SUFFIX, read_bundle
+from pdrbench_leaderboard.confine.shared_modules import shared_distributions
 from pdrbench_leaderboard.entry import read_entry
 from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, read_archive
 

@@ -49,7 +49,7 @@ def try_(
     jobs: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Processes that share the walks.", show_default="one a core")
     ] = None,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
     as_json: AsJson = False,
 ) -> None:
     """Play recordings: which localizers can run on them, where they say you walked, as a picture and a table."""

@@ -47,7 +47,7 @@ def tune(
     out: Annotated[Path, typer.Option(metavar="FOLDER", file_okay=False, help="Walks that a later run reuses.")] = Path(
         "pdrbench-tuned"
     ),
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
     as_json: AsJson = False,
 ) -> None:
     """Choose parameters of a localizer on folds of the train split; the left-out figure is what to report."""

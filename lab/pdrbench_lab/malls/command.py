@@ -140,7 +140,7 @@ def steps(jobs: Jobs = 1, as_json: AsJson = False) -> None:
 def own_session(
     localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help="Any localizer.")] = "wifi_knn-v0",
     jobs: Jobs = 1,
-    isolation: Isolation = "auto",
+    isolation: Isolation = "process",
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", file_okay=False, help="Store every walk here, and go on from it.")
     ] = None,

@@ -9,9 +9,9 @@ from typing import Final, Literal
 import numpy as np
 
 from pdrbench.episode import Player
-from pdrbench.isolation.budget import Budget
-from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
 from pdrbench.localizer import Briefing, Observation
+from pdrbench.process.budget import Budget
+from pdrbench.process.localizer_process import LocalizerProcess, Terms
 from pdrbench.sensors import sensor_spec
 from pdrbench_lab.speed import busy
 from pdrbench_lab.speed.busy import Busy
@@ -21,16 +21,17 @@ PERIOD_S: Final = 0.2
 BUSY_S: Final = 1e-3  # of processor time in each step: what the overhead is measured against
 ROWS: Final = {"accel": 20, "gyro": 20}  # of an observation: two sensors of 100 Hz
 SEED: Final = 1
-Kind = Literal["process", "auto"]
-KINDS: Final[tuple[Kind, ...]] = ("process", "auto")
+Kind = Literal["process", "confined"]
+KINDS: Final[tuple[Kind, ...]] = ("process", "confined")
 
 
 def run(quick: bool, report: Callable[[str], None]) -> list[Timing]:
     """All rows; `report` is called with what comes next."""
     steps, rounds = (100, 5) if quick else (400, 15)
     rows = []
-    report("starting the launcher")
-    _isolated("auto", 0.0).close()
+    report("starting processes")
+    for kind in KINDS:
+        _isolated(kind, 0.0).close()
     for kind in KINDS:
         report(f"steps of {1e3 * BUSY_S:g} ms, isolation {kind}")
         rows.append(_steps(kind, BUSY_S, steps, rounds))
@@ -63,10 +64,10 @@ def _play(localizer: Player, steps: int) -> None:
         localizer.step(Observation(step * PERIOD_S, {name: values.copy() for name, values in rows.items()}))
 
 
-def _isolated(kind: Kind, busy_s: float) -> IsolatedLocalizer:
+def _isolated(kind: Kind, busy_s: float) -> LocalizerProcess:
     terms = Terms(kind, Budget(), PERIOD_S, num_steps=1_000_000)
     target = f"{busy.__file__}:{Busy.__name__}"
-    localizer = IsolatedLocalizer(target, target, parameters={"busy_s": busy_s}, terms=terms)
+    localizer = LocalizerProcess(target, target, parameters={"busy_s": busy_s}, terms=terms)
     localizer.start()
     sensors = {name: sensor_spec(name) for name in ROWS}
     localizer.reset(Briefing(None, sensors, PERIOD_S), np.random.default_rng(SEED))

@@ -1,0 +1,1 @@
+"""Strangers' localizers: one process for each walk, which the kernel keeps from files, networks and other processes."""

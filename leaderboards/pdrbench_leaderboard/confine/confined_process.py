@@ -1,0 +1,275 @@
+"""The confined process of one walk, seen from the evaluating side: pipes, deadlines, resource use, exit status."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from pdrbench.process.child_process import (
+    CHECK_S,
+    MAX_OUTPUT_BYTES,
+    REPLIES_CLOSED,
+    REQUESTS_CLOSED,
+    UNREQUESTED,
+    Ended,
+    EndedError,
+    LateError,
+    LaunchError,
+    Limits,
+    check_limits,
+)
+from pdrbench.process.messages import TRACE_SIGNAL, ProtocolError, frame_size
+from pdrbench_leaderboard.confine import scratch
+from pdrbench_leaderboard.confine.boot import LENGTH_BYTES, ProtectionRecord
+from pdrbench_leaderboard.confine.confine import FileLimits, mode
+from pdrbench_leaderboard.confine.memory_group import MEMORY_GROUP, MemoryGroup
+from pdrbench_leaderboard.confine.usage import MEBIBYTE, Usage
+
+LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
+CHECK_MS: Final = round(1000 * CHECK_S)
+TRACEBACK_S: Final = 0.2  # for a traceback of a child whose time is up
+MEASURE_S: Final = 1.0  # between looks at the files of a scratch folder that no protection limits
+QUIET_S: Final = 0.1  # without another write: the traceback is complete
+READ_BYTES: Final = 1 << 15
+MAX_PIPE_BYTES: Final = 1 << 20  # Linux: what a process without privileges may enlarge a pipe to
+
+
+class ConfinedProcess:
+    """One process; see `pdrbench.process.launch.Process`.
+
+    Args:
+        limits: Of its memory and threads.
+        files: Of its files.
+        reap: Ends it, after waiting up to so many seconds for it to end by itself.
+        pid: Its number in the namespace of the launcher.
+        handle: Descriptor that names it everywhere; -1 where there is none.
+        pipes: Our ends of those for requests, replies and output.
+        folder: Its scratch folder.
+        group: In which the kernel counts its memory; None where there is none.
+
+    Attributes:
+        last_read_s: When something was last read from it, on the monotonic clock.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        files: FileLimits,
+        reap: Callable[[float], Ended],
+        pid: int,
+        handle: int,
+        pipes: tuple[int, int, int],
+        folder: str,
+        group: MemoryGroup | None = None,
+    ) -> None:
+        self._folder, self._group = folder, group
+        self._has_exceeded = self._measures_scratch = False
+        self._measured_s = 0.0
+        self._limits, self._files, self._reap, self._handle = limits, files, reap, handle
+        self._record = ProtectionRecord()
+        self._requests, self._replies, self._output = pipes
+        for descriptor in pipes:
+            os.set_blocking(descriptor, False)
+        self._pid = _own_pid(handle, pid)
+        self._usage = Usage(self._pid)
+        self._buffer = bytearray()
+        self._output_bytes = bytearray()
+        self.last_read_s = self._checked_s = time.monotonic()
+        self._poll = select.poll()
+        self._poll.register(self._replies, select.POLLIN)
+        self._poll.register(self._output, select.POLLIN)
+        self._ended: Ended | None = None
+        self._is_closed = False
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """As `launch.Process` has it."""
+        return {"mode": mode(self._record), "held": self._record.held, "missing": self._record.missing}
+
+    @property
+    def output(self) -> str:
+        """The end of what the process wrote to standard output and error."""
+        return self._output_bytes.decode(errors="replace")
+
+    def ask(self, request: bytearray, ends_s: float, max_bytes: int) -> bytes:
+        """As `launch.Process` has it."""
+        if self._is_closed:
+            raise EndedError("it has ended")
+        if self._buffer:
+            raise ProtocolError(UNREQUESTED)
+        try:
+            sent = os.write(self._requests, request)
+        except BlockingIOError:
+            sent = 0
+        except BrokenPipeError:
+            raise EndedError(REQUESTS_CLOSED) from None
+        if sent < len(request):
+            self._write(request[sent:], ends_s)
+        return self.receive(ends_s, max_bytes)
+
+    def receive(self, ends_s: float, max_bytes: int) -> bytes:
+        """Waits for one frame; raises as `ask` does."""
+        # The path of a short step is one function on purpose: between two steps the localizer evicts all caches, so
+        # that each further function call costs a microsecond or two.
+        while True:
+            began_s = time.monotonic()
+            left_s = ends_s - began_s
+            if left_s <= 0:
+                raise LateError
+            body = None
+            for descriptor, _ in self._poll.poll(CHECK_MS if left_s > CHECK_S else 1000 * left_s + 1):
+                if descriptor == self._output:
+                    self._read_output()
+                    continue
+                try:
+                    part = os.read(self._replies, READ_BYTES)
+                except BlockingIOError:  # a child can read its own pipe
+                    continue
+                if not part:
+                    raise EndedError(REPLIES_CLOSED)
+                size = int.from_bytes(part[:LENGTH_BYTES], "little")
+                if len(part) == LENGTH_BYTES + size and size <= max_bytes and not self._buffer:
+                    body = part[LENGTH_BYTES:]
+                else:
+                    body = self._take(part, max_bytes)
+            self.last_read_s = now_s = time.monotonic()
+            if now_s - self._checked_s > CHECK_S:
+                self._check()
+            if body is not None:
+                if now_s > ends_s:
+                    raise LateError
+                return body
+
+    @property
+    def has_exceeded_memory(self) -> bool:
+        """True where the kernel has ended it for that."""
+        return self._has_exceeded or (self._group is not None and self._group.has_exceeded)
+
+    def look_at(self, record: ProtectionRecord) -> None:
+        """Looks at what no protection limits: its memory, processes that it may start, files of its scratch folder."""
+        self._record = record
+        self._usage.is_counted = MEMORY_GROUP in record.held
+        self._usage.may_fork = "seccomp" not in record.held
+        self._measures_scratch = "scratch-limited" not in record.held
+        self._usage.read()
+
+    def check_silence(self) -> None:
+        """Raises `ProtocolError` where an answer came without a request."""
+        if self._is_closed:
+            return
+        with contextlib.suppress(BlockingIOError):
+            if self._buffer or os.read(self._replies, 1):
+                raise ProtocolError(UNREQUESTED)
+
+    def request_traceback(self) -> None:
+        """Makes a child whose time is up write a traceback, also where compiled code holds the interpreter."""
+        with contextlib.suppress(OSError):
+            if self._handle >= 0:
+                signal.pidfd_send_signal(self._handle, TRACE_SIGNAL)
+            else:
+                os.kill(self._pid, TRACE_SIGNAL)
+        ends_s = time.monotonic() + TRACEBACK_S
+        has_begun = False  # a traceback comes in many small writes
+        while time.monotonic() < ends_s:
+            if any(descriptor == self._output for descriptor, _ in self._poll.poll(QUIET_S * 1000)):
+                self._read_output()
+                has_begun = True
+            elif has_begun:
+                return
+
+    def release(self) -> Ended:
+        """As `launch.Process` has it: it serves no other walk."""
+        return self.end()
+
+    def end(self, grace_s: float = 0.0) -> Ended:
+        """As `launch.Process` has it."""
+        if self._ended is None:
+            try:
+                self._ended = self._reap(grace_s)
+            except LaunchError as error:  # the launcher, which measures it, has ended
+                seen = round(self._usage.peak_mb, 1), round(self._usage.cpu_s, 3)
+                self._ended = Ended(0, True, *seen, is_measured=False, lost=str(error))
+            finally:
+                self._usage.close()
+                if self._group is not None:
+                    self._has_exceeded = self._group.has_exceeded
+                    self._group.close()
+                for _ in range(MAX_PIPE_BYTES // READ_BYTES):
+                    if not self._read_output():
+                        break
+                self._is_closed = True
+                for descriptor in (self._requests, self._replies, self._output, self._handle):
+                    if descriptor >= 0:
+                        os.close(descriptor)
+        return self._ended
+
+    def _write(self, left: bytearray, ends_s: float) -> None:
+        """Sends the rest of a request that is too large for the pipe."""
+        while left:
+            if time.monotonic() > ends_s:
+                raise LateError
+            ready, _, _ = select.select([self._output], [self._requests], [], CHECK_S)
+            if ready:
+                self._read_output()
+            with contextlib.suppress(BlockingIOError):
+                try:
+                    del left[: os.write(self._requests, left)]
+                except BrokenPipeError:
+                    raise EndedError(REQUESTS_CLOSED) from None
+
+    def _take(self, part: bytes, max_bytes: int) -> bytes | None:
+        """Adds to a reply that comes in parts; returns its body once it is complete."""
+        self._buffer += part
+        size = frame_size(self._buffer, max_bytes)
+        if size is None or len(self._buffer) < size:
+            return None
+        if len(self._buffer) > size:
+            raise ProtocolError("more than one answer came to one request")
+        body = bytes(self._buffer[LENGTH_BYTES:])
+        self._buffer.clear()
+        return body
+
+    def _read_output(self) -> bool:
+        """Reads what the process has written to standard output and error, keeps the end; False where nothing came."""
+        with contextlib.suppress(BlockingIOError, ValueError, OSError):
+            part = os.read(self._output, READ_BYTES)
+            if not part and self._ended is None:
+                with contextlib.suppress(KeyError):
+                    self._poll.unregister(self._output)
+            self._output_bytes += part
+            del self._output_bytes[:-MAX_OUTPUT_BYTES]
+            return bool(part)
+        return False
+
+    def _check(self) -> None:
+        """Raises `EndedError` where memory, threads or files exceed their limits; called every `CHECK_S`."""
+        self._checked_s = self.last_read_s
+        used = self._usage.read(self._limits.memory_mb)
+        if used is None:
+            return
+        check_limits(*used, self._limits)
+        if self._measures_scratch and self.last_read_s - self._measured_s > MEASURE_S:
+            self._measured_s = self.last_read_s
+            limits = self._files
+            size, files = scratch.measure(self._folder, self._pid, limits.scratch_files)
+            if size > limits.scratch_mb * MEBIBYTE or files > limits.scratch_files:
+                what = f"{files} files of {size / MEBIBYTE:.0f} MB"
+                allowed = f"{limits.scratch_files} files of {limits.scratch_mb} MB"
+                raise EndedError(f"scratch: it has {what}; the limit is {allowed} together", is_running=True)
+
+
+def _own_pid(handle: int, pid: int) -> int:
+    """The number that a child has in the namespace of this process; the launcher knows another one."""
+    if handle < 0:
+        return pid
+    try:
+        lines = Path(f"/proc/self/fdinfo/{handle}").read_text().splitlines()
+    except OSError:
+        return pid
+    return next((int(line.partition(":")[2]) for line in lines if line.startswith("Pid:")), pid)

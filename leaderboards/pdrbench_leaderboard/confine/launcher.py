@@ -1,0 +1,217 @@
+"""The launcher: an interpreter that has imported the toolbox and nothing else, and forks one child for each walk.
+
+A fork of it is a fresh interpreter in some milliseconds. It starts no threads, holds no recording, no reference and no
+secret, runs no code of a localizer but pdrbench's own, and ends with the process that started it. Where the system
+grants it, the child is alone in namespaces that exist for its walk only: with it end its processes and its files, and
+the numbers that the kernel counts up for them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import importlib.util
+import json
+import os
+import pkgutil
+import shutil
+import socket
+import sys
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.process import child_main, messages
+from pdrbench_leaderboard.confine import boot, numba_cache, scratch
+from pdrbench_leaderboard.confine.boot import ProtectionRecord, receive, send
+from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach
+from pdrbench_leaderboard.confine.landlock import Ruleset
+from pdrbench_leaderboard.confine.memory_group import MEMORY_GROUP, enter
+from pdrbench_leaderboard.confine.shared_modules import import_only
+from pdrbench_leaderboard.confine.toolbox import LIBRARIES, TOOLBOX
+from pdrbench_leaderboard.confine.walk_process import LoneWalk, SharedWalk, WalkProcess
+
+MAX_RULESETS: Final = 16
+NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output; then the entrance of a group, if any
+NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")  # by "walk-alone"
+
+
+def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> None:
+    """Forks on request until the other side of the socket is closed; never returns.
+
+    Args:
+        descriptor: Of the socket.
+        orders: As `boot.main` read them.
+        record: Protections by the namespaces of this process.
+    """
+    os.environ.clear()
+    home = {"HOME": orders["scratch"], "TMPDIR": orders["scratch"]}  # no variable of the user reaches a child
+    os.environ.update({**orders["environment"], **home, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"})
+    numba_cache.read_only(orders["numba_cache"])
+    for name in TOOLBOX:  # so that children need not import it
+        package = importlib.import_module(name)
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package.__name__}.{module.name}")
+    importlib.import_module("shapely")  # with which a child looks at the building that it is given
+    if orders["modules"]:
+        import_only(orders["modules"])
+    gc.collect()
+    gc.freeze()
+    with socket.socket(fileno=descriptor) as control:
+        control.settimeout(None)
+        launcher = _Launcher(control, orders, record)
+        with contextlib.suppress(EOFError, ConnectionError):
+            launcher.run()
+        launcher.end()
+    boot.leave_scratch(orders["scratch"])
+    shutil.rmtree(orders["scratch"], ignore_errors=True)
+    os._exit(0)
+
+
+class _Launcher:
+    def __init__(self, control: socket.socket, orders: dict[str, Any], record: ProtectionRecord) -> None:
+        self._control, self._orders, self._record = control, orders, record
+        self._child: WalkProcess | None = None
+        self._namespace = -1
+        lacking = [name for name in NEEDED_ALONE if name not in record.held]
+        if lacking:
+            record.missing["walk-alone"] = record.missing.get(lacking[0], "not asked for")
+        else:
+            self._namespace = os.open("/proc/self/ns/pid", os.O_RDONLY | os.O_CLOEXEC)
+        self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
+        self._libraries: set[str] = set()
+
+    def run(self) -> None:
+        """One order after the other."""
+        send(self._control, {"ready": True})
+        while True:
+            order, descriptors = receive(self._control, NUM_PIPES + 1)
+            if "fork" in order:
+                self._import(order["fork"]["libraries"])
+                self._import_builtins(order["fork"]["builtins"])
+                if order["fork"]["calls_compiled"]:
+                    numba_cache.prepare()
+                self._child = child = self._fork(order["fork"], descriptors)
+                for descriptor in descriptors:
+                    os.close(descriptor)
+                send(self._control, {"pid": child.pid}, [child.handle] if child.handle >= 0 else [])
+            else:
+                send(self._control, self._reap(order["reap"]["grace_s"]))
+
+    def end(self) -> None:
+        """Ends a child that is still running."""
+        if self._child is not None:
+            self._reap(0.0)
+
+    def _import(self, libraries: Sequence[str]) -> None:
+        """Imports installed libraries that the localizer's sources name; modules from other places are not trusted."""
+        places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
+        for name in sorted(set(libraries) & set(LIBRARIES) - self._libraries):
+            self._libraries.add(name)
+            spec = importlib.util.find_spec(name.partition(".")[0])
+            origin = Path(spec.origin).resolve() if spec is not None and spec.origin is not None else None
+            if origin is not None and any(origin.is_relative_to(place) for place in places):
+                with contextlib.suppress(ImportError):
+                    importlib.import_module(name)
+                gc.freeze()
+
+    def _import_builtins(self, modules: Sequence[str]) -> None:
+        """Imports modules of localizers that come with pdrbench, as the evaluating process names them."""
+        for name in modules:
+            if name not in sys.modules:
+                with contextlib.suppress(Exception):  # the child meets it again, and says so
+                    module = importlib.import_module(name)
+                    if numba_cache.is_called_by(module):
+                        numba_cache.prepare()
+                        numba_cache.load(module)
+                gc.freeze()
+
+    def _ruleset(self, order: dict[str, Any]) -> tuple[Ruleset | None, str]:
+        """What this kind of child may open; built once for each kind."""
+        key = json.dumps([order["readable"], order["listed"], order["writable"]])
+        if key not in self._rulesets:
+            if len(self._rulesets) >= MAX_RULESETS:
+                for ruleset, _ in self._rulesets.values():
+                    if ruleset is not None:
+                        ruleset.close()
+                self._rulesets.clear()
+            try:
+                self._rulesets[key] = (_make_ruleset(order, self._orders["scratch"]), "")
+            except OSError as error:
+                self._rulesets[key] = (None, str(error.strerror))
+        return self._rulesets[key]
+
+    def _fork(self, order: dict[str, Any], descriptors: Sequence[int]) -> WalkProcess:
+        ruleset, why_none = self._ruleset(order)
+        os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
+        if self._namespace >= 0:
+            record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
+
+            def arrange() -> None:
+                boot.mount_proc()
+                boot.mount_scratch(self._orders)
+                if ruleset is not None:
+                    ruleset.write(self._orders["scratch"])
+
+            try:
+                return LoneWalk(
+                    lambda: self._become_child(order, descriptors, ruleset, why_none, record),
+                    arrange,
+                    descriptors,
+                    self._namespace,
+                )
+            except OSError as error:
+                self._namespace = -1
+                self._record.missing["walk-alone"] = str(error.strerror)
+        return SharedWalk(lambda: self._become_child(order, descriptors, ruleset, why_none, self._record))
+
+    def _become_child(
+        self,
+        order: dict[str, Any],
+        descriptors: Sequence[int],
+        ruleset: Ruleset | None,
+        why_none: str,
+        record: ProtectionRecord,
+    ) -> None:
+        (requests, replies, output), entrance = descriptors[:NUM_PIPES], descriptors[NUM_PIPES:]
+        if entrance:
+            record.attempt([MEMORY_GROUP], lambda: enter(*entrance))
+        else:
+            record.missing[MEMORY_GROUP] = order["why_no_group"]
+        null = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(null, 0)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        os.chdir(self._orders["scratch"])
+        detach(record, FileLimits(**order["files"]), order["memory_mb"], order["cpu_s"])
+        if order["own_cache"]:
+            numba_cache.enable_writing()
+        close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
+        if ruleset is not None:
+            ruleset.read(f"/proc/{os.getpid()}/maps")  # not what says which pages of a file were in memory before
+        confine(record, ruleset, why_none)
+        if ruleset is not None:
+            ruleset.close()
+        child_main.serve(requests, replies, messages.Started(0, record.held, record.missing))
+
+    def _reap(self, grace_s: float) -> dict[str, Any]:
+        """Ends the child and its descendants and removes its files; returns how it ended and what it used."""
+        assert self._child is not None
+        killed = not self._child.wait(grace_s)
+        ended = self._child.end(kill=killed)
+        self._child = None
+        scratch.empty(self._orders["scratch"])
+        return {"code": os.waitstatus_to_exitcode(ended.pop("status")), "killed": killed, **ended}
+
+
+def _make_ruleset(order: dict[str, Any], scratch: str) -> Ruleset:
+    ruleset = Ruleset()
+    for path in order["listed"]:
+        ruleset.list_folder(path)
+    for path in order["readable"]:
+        ruleset.read(path)
+    for path in (*order["writable"], scratch, os.devnull):
+        ruleset.write(path)
+    return ruleset

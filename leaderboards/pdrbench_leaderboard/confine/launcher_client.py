@@ -1,0 +1,210 @@
+"""The evaluating side of a launcher: starts it, makes it fork children, ends them."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import functools
+import math
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.arithmetic import THREADS
+from pdrbench.process.child_process import GRACE_S, MEBIBYTE, Ended, LaunchError, Limits
+from pdrbench_leaderboard.confine import scratch
+from pdrbench_leaderboard.confine.boot import receive, send
+from pdrbench_leaderboard.confine.confine import FileLimits
+from pdrbench_leaderboard.confine.confined_process import LAUNCHER_ENDED, ConfinedProcess
+from pdrbench_leaderboard.confine.memory_group import MemoryGroup, find_place
+from pdrbench_leaderboard.confine.read_permissions import ReadPermissions, compiled_folders, hidden_places, numba_cache
+from pdrbench_leaderboard.confine.shared_modules import shared_modules
+from pdrbench_leaderboard.confine.toolbox import LIBRARIES
+
+START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
+# One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
+BOOT: Final = Path(__file__).with_name("boot.py")
+
+
+class Launcher:
+    """One launcher process; its children come one after the other.
+
+    They are confined as far as the system grants it. Those of a folder of packages import from there, and of what is
+    installed here no more than pdrbench and what that needs.
+    """
+
+    def __init__(self, limits: Limits, files: FileLimits, packages: str = "") -> None:
+        self.limits, self.files = limits, files
+        self._owner = os.getpid()
+        self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
+        self._builtins: set[str] = set()
+        self._has_ended = False
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
+        ours, theirs = socket.socketpair()
+        self._control = ours
+        # The paths of the interpreter are handed over; its own start must not see the user's variables.
+        self._process = subprocess.Popen(
+            [sys.executable, "-s", "-P", "-B", str(BOOT), str(theirs.fileno())],
+            env={**THREADS, "PYTHONHASHSEED": "0", "LANG": "C.UTF-8", "PATH": os.defpath},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            pass_fds=(theirs.fileno(),),
+            start_new_session=True,
+        )
+        theirs.close()
+        compiled = compiled_folders()
+        self._groups: Path | None = None  # where those for walks are made
+        self._why_no_group = ""
+        try:
+            self._groups = find_place()
+        except OSError as error:
+            self._why_no_group = str(error.strerror)
+        self._start(
+            {
+                "path": [str(Path(place or os.curdir).absolute()) for place in sys.path],
+                "scratch": self._scratch,
+                "scratch_bytes": files.scratch_mb * MEBIBYTE,
+                "scratch_files": files.scratch_files,
+                "hidden": sorted(hidden_places()),
+                "writable": compiled,
+                "numba_cache": numba_cache(),
+                "environment": {**THREADS, "PATH": os.defpath},
+                "modules": sorted(shared_modules()) if packages else [],
+            }
+        )
+
+    @property
+    def alive(self) -> bool:
+        """False once it has ended, or no longer answers."""
+        return not self._has_ended and self._process.poll() is None
+
+    def fork(self, permissions: ReadPermissions, cpu_s: float) -> ConfinedProcess:
+        """A new child, whose processor time is limited."""
+        requests_in, requests = os.pipe()
+        replies, replies_out = os.pipe()
+        output, output_out = os.pipe()
+        group = self._make_group()
+        theirs = (requests_in, replies_out, output_out)
+        order = {
+            "readable": permissions.readable,
+            "listed": permissions.listed,
+            "writable": permissions.writable,
+            "own_cache": permissions.is_builtin,
+            "files": asdict(self.files),
+            "memory_mb": self.limits.memory_mb,
+            "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
+            "libraries": [name for name in LIBRARIES if name in permissions.imports],
+            "builtins": sorted(self._builtins),
+            "calls_compiled": not permissions.is_builtin and permissions.calls_compiled,
+            "why_no_group": self._why_no_group,
+        }
+        try:
+            answer, handles = self._ask({"fork": order}, theirs if group is None else (*theirs, group.entrance))
+        except LaunchError:
+            if group is not None:
+                group.close()
+            for descriptor in (requests, replies, output):
+                os.close(descriptor)
+            raise
+        finally:
+            for descriptor in theirs:
+                os.close(descriptor)
+        handle = handles[0] if handles else -1
+        pipes = (requests, replies, output)
+        return ConfinedProcess(self.limits, self.files, self.reap, answer["pid"], handle, pipes, self._scratch, group)
+
+    def _make_group(self) -> MemoryGroup | None:
+        """A group for one walk; None where the system does not grant it."""
+        if self._groups is not None:
+            try:
+                return MemoryGroup(self.limits.memory_mb, self._groups)
+            except OSError as error:
+                self._why_no_group = str(error.strerror)
+        return None
+
+    def preload_builtin(self, module: str) -> None:
+        """Names a module with a localizer of pdrbench itself, which the launcher imports for the next children."""
+        self._builtins.add(module)
+
+    def reap(self, grace_s: float) -> Ended:
+        """Ends the child after waiting up to `grace_s` for it to end by itself."""
+        answer, _ = self._ask({"reap": {"grace_s": grace_s}})
+        return Ended(**answer)
+
+    def close(self) -> None:
+        """Ends the launcher and what it has forked; does nothing in a fork of the process that started it."""
+        self._control.close()
+        if os.getpid() != self._owner:
+            return
+        try:
+            self._process.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._errors.close()
+        with contextlib.suppress(OSError):  # the launcher has removed it where it ended by itself
+            scratch.empty(self._scratch)
+            os.rmdir(self._scratch)  # noqa: PTH106
+
+    def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
+        try:
+            send(self._control, order, descriptors)
+            return receive(self._control, 1)
+        except (OSError, EOFError) as error:
+            self._has_ended = True  # its first process may take a moment to follow
+            raise LaunchError(LAUNCHER_ENDED) from error
+
+    def _start(self, orders: dict[str, Any]) -> None:
+        self._control.settimeout(START_S)
+        try:
+            self._ask(orders)
+        except LaunchError as error:
+            raise LaunchError(f"no process for localizers can be started: {self._last_error_line()}") from error
+
+    def _last_error_line(self) -> str:
+        self._process.kill()
+        self._process.wait()
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"it ended with code {self._process.returncode} and wrote nothing"
+
+
+@functools.cache
+def _launchers() -> dict[tuple[object, ...], Launcher]:
+    """The launchers of this process."""
+    atexit.register(discard)
+    return {}
+
+
+def warm_launcher(limits: Limits, files: FileLimits, packages: str = "") -> Launcher:
+    """The launcher of this thread; a new one where there is none yet or the last one has ended.
+
+    Args:
+        limits: Of the memory and threads of its children.
+        files: Of their files.
+        packages: Folder of the packages that they import; empty where these are the installed ones.
+    """
+    world = (os.getpid(), tuple(sys.path), str(Path.cwd()), os.environ.get("NUMBA_CACHE_DIR", ""))
+    key = (limits, files, threading.get_ident(), world, packages)
+    launchers = _launchers()
+    found = launchers.get(key)
+    if found is None or not found.alive:
+        for old in [old for old in launchers if old[2] == key[2] and (old == key or old[3] != world)]:
+            launchers.pop(old).close()
+        found = launchers[key] = Launcher(limits, files, packages)
+    return found
+
+
+def discard() -> None:
+    """Ends the launchers of this process; the next walk starts a new one."""
+    launchers = _launchers()
+    while launchers:
+        launchers.popitem()[1].close()

@@ -1,0 +1,75 @@
+"""The launcher that the core finds under the isolation "confined": what is asked for here is held, or refused."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.process.child_process import EndedError, LateError, LaunchError
+from pdrbench.process.launch import LaunchOrder
+from pdrbench.process.messages import MAX_REPLY_BYTES, ProtocolError, Started, read_reply
+from pdrbench_leaderboard.confine.boot import CAN_CONFINE, ProtectionRecord
+from pdrbench_leaderboard.confine.confine import FileLimits
+from pdrbench_leaderboard.confine.confined_process import ConfinedProcess
+from pdrbench_leaderboard.confine.launcher_client import warm_launcher
+from pdrbench_leaderboard.confine.read_permissions import ReadPermissions, permissions_of
+
+CPU_PER_WALL: Final = 4.0  # processor time that a walk may take, in its wall time: threads count
+NEEDED: Final = ("landlock-files", "seccomp")  # without which a localizer reads files, or connects
+
+
+class ConfinedLauncher:
+    """See `pdrbench.process.launch.Launcher`: a process of its own for every walk.
+
+    Args:
+        files: Limits of the files of each.
+    """
+
+    def __init__(self, files: FileLimits | None = None) -> None:
+        self._files = files or FileLimits()
+
+    def check(self, localizer: str, target: str) -> None:
+        """Raises `PdrbenchError` where nothing can be confined, or a localizer may not be read."""
+        if not CAN_CONFINE:
+            raise PdrbenchError("localizers are confined on Linux only: run it there, or without --confined")
+        permissions_of(localizer, target)
+
+    def launch(self, order: LaunchOrder, ends_s: float) -> ConfinedProcess:
+        """A process that has given up what it may not do.
+
+        Raises:
+            LaunchError: None could be started until `ends_s`.
+            PdrbenchError: The system denies what confinement needs.
+        """
+        self.check(order.localizer, order.target)
+        permissions = permissions_of(order.localizer, order.target)
+        launcher = warm_launcher(order.limits, self._files, permissions.packages)
+        if permissions.is_builtin:
+            launcher.preload_builtin(order.target.partition(":")[0])
+        else:
+            _compile_toolbox(permissions)
+        process = launcher.fork(permissions, CPU_PER_WALL * order.walk_s)  # nothing of the walk may be in it
+        try:
+            started = read_reply(process.receive(max(ends_s, time.monotonic() + 1.0), MAX_REPLY_BYTES), 0, Started)
+        except (LateError, EndedError, ProtocolError) as error:
+            # no code of the localizer has run yet: whatever happened to its process is not its fault
+            process.release()
+            raise LaunchError(f"a process for the localizer did not begin: {error}; {process.output}") from error
+        assert isinstance(started, Started)
+        process.look_at(ProtectionRecord(started.held, started.missing))
+        lacking = [f"{name} ({started.missing.get(name, '')})" for name in NEEDED if name not in started.held]
+        if lacking:
+            process.release()
+            raise PdrbenchError(f"confinement was asked for, and the system denies {' and '.join(lacking)}")
+        return process
+
+
+def _compile_toolbox(permissions: ReadPermissions) -> None:
+    """Compiles what a stranger's localizer is likely to call, since its own process may not write the cache."""
+    toolbox = permissions.toolbox
+    if toolbox:
+        from pdrbench_leaderboard.confine.numba_cache import compile_package  # takes half a second to import
+
+        for package in toolbox:
+            compile_package(package)

@@ -1,0 +1,92 @@
+"""A walk with the localizer in a process of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import IO, Any, Final, cast
+
+from pdrbench.episode import Episode, play
+from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.evaluation import store
+from pdrbench.evaluation.jobs import Finished, JobContext
+from pdrbench.evaluation.randomness import generator
+from pdrbench.evaluation.walk_job import (
+    HIDDEN_SPLITS,
+    WalkJob,
+    crashed_result,
+    load_walk,
+    provenance_of,
+    refused,
+)
+from pdrbench.process.child_process import BEGUN, LaunchError
+from pdrbench.process.localizer_process import LocalizerProcess, Terms
+from pdrbench.result import FAILED, UNSUITABLE, Result
+
+SPENT: Final = "timeout: the localizer had spent its budget before this walk"
+MAX_LAUNCHES: Final = 3  # a walk over which the launcher is killed is given up after this many tries
+
+
+def compute_in_child(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
+    """The work of a job with the localizer in a process of its own."""
+    budget = context.suite_budget
+    if budget is not None and not budget.left_s(job.localizer):
+        result = crashed_result(job, f"{SPENT}: {budget.limit_s:g} s for all walks of a suite together")
+    else:
+        result = refused(job, memory) or play_in_child(job, memory, note)
+        if budget is not None:
+            budget.spend(job.localizer, job.name, float(cast(Any, result.provenance.get("wall_s", 0.0))))
+    return result.status, store.encode(result)
+
+
+def play_in_child(job: WalkJob, memory: dict[str, Any], note: IO[bytes], num_observations: int | None = None) -> Result:
+    """The walk of a job, or its first so many observations.
+
+    It is played once more where no process could be had, but never once an observation was handed out.
+    A walk that is played twice shows its future: the first pass leaves notes for the second. Whatever ended the process
+    of a localizer, the answers given until then are its result.
+    """
+    for num_tries in range(1, MAX_LAUNCHES + 1):
+        try:
+            episode = load_walk(job, memory)
+            result = _play_once(job, episode.prefix(num_observations) if num_observations else episode, note)
+        except LaunchError as error:
+            if num_tries == MAX_LAUNCHES:
+                return crashed_result(job, f"{error} (after {num_tries} tries)")
+            continue
+        return dataclasses.replace(result, provenance={**result.provenance, "tries": num_tries})
+    raise AssertionError
+
+
+def _play_once(job: WalkJob, episode: Episode, note: IO[bytes]) -> Result:
+    """The walk in a child process; raises `LaunchError` where none of it has been shown to the localizer."""
+    terms = Terms(cast(Any, job.isolation), job.budget, episode.task.period_s, len(episode))
+    localizer = LocalizerProcess(
+        job.localizer,
+        job.target,
+        parameters=job.parameters,
+        terms=terms,
+        reference=None if job.split in HIDDEN_SPLITS else episode.recording.reference,
+    )
+    status, failure = FAILED, ""
+    try:
+        localizer.start()
+        note.write(BEGUN.encode())
+        rng = generator(job.seed, episode.task, job.walk, job.nonce)
+        result = play(localizer, episode, rng, name=job.localizer, seed=job.seed)
+        localizer.finish()
+    except LaunchError as error:
+        if not localizer.has_begun:
+            raise
+        result, failure = None, f"{error}; {BEGUN}"
+    except UnsuitableError as error:
+        result, status, failure = None, UNSUITABLE, str(error)
+    except PdrbenchError as error:
+        result, failure = None, localizer.failure or str(error)
+    finally:
+        facts = localizer.close()
+    if result is None:
+        result = episode.result(localizer=job.localizer, seed=job.seed, status=status, failure=failure)
+    elif result.status == FAILED:
+        result = dataclasses.replace(result, failure=localizer.failure or result.failure)
+    missed = {} if result.status != FAILED else {"missed": len(episode) - episode.num_answered}
+    return dataclasses.replace(result, provenance=provenance_of(job) | facts | missed)

@@ -1,0 +1,127 @@
+"""Every walk of a stranger's localizer is alone: nothing of an earlier one is found, and nothing is left behind."""
+
+from __future__ import annotations
+
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.evaluation import evaluate
+from pdrbench.localizer import Briefing, Observation
+from pdrbench.process import Budget, LocalizerExit
+from pdrbench.process.child_process import LaunchError, Limits
+from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
+from pdrbench_leaderboard.confine.confine import FileLimits
+from pdrbench_leaderboard.confine.launcher_client import Launcher, discard, warm_launcher
+
+pytestmark = pytest.mark.confinement
+ENV = "OfficeStride-v2"
+STRANGER = """
+    import os
+    import numpy as np
+    from pdrbench.localizer import Estimate
+
+    VISITS = []
+
+    class Stays:
+        def reset(self, briefing, rng): pass
+        def step(self, observation): return Estimate(np.zeros(2), -2)
+
+    class Leaves(Stays):
+        '''Reports what it finds, and leaves traces.'''
+        def reset(self, briefing, rng):
+            VISITS.append(1)
+            print(len(VISITS), sorted(os.listdir()), os.environ.get("SECRET"), os.getcwd() == os.environ["HOME"])
+            open("trace", "w").write("x")
+            raise LookupError("that is all")
+"""
+Start = Callable[[str], LocalizerProcess]
+
+
+@pytest.fixture(scope="module")
+def stranger(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("stranger") / "stranger.py"
+    file.write_text(textwrap.dedent(STRANGER))
+    return file
+
+
+@pytest.fixture
+def start(stranger: Path) -> Iterator[Start]:
+    """Starts a class of the file; its process is ended with the test."""
+    started = []
+
+    def begin(name: str) -> LocalizerProcess:
+        terms = Terms("confined", Budget(pace=5.0, slack_s=10.0, start_s=60.0), 0.2, 1000)
+        localizer = LocalizerProcess(f"{stranger}:{name}", f"{stranger}:{name}", parameters={}, terms=terms)
+        started.append(localizer)
+        localizer.start()
+        return localizer
+
+    yield begin
+    for localizer in started:
+        localizer.close()
+
+
+def brief(localizer: LocalizerProcess) -> None:
+    localizer.reset(Briefing(None, {}, 0.2), np.random.default_rng(5))
+
+
+def launcher() -> Launcher:
+    return warm_launcher(Limits(), FileLimits())
+
+
+def test_a_registered_localizer_answers_the_same_confined() -> None:
+    found = [
+        evaluate("dead_reckoning-v0", ENV, split="val", walks=1, isolation=kind, seeds=1).results[0]
+        for kind in ("none", "confined")
+    ]
+    assert [result.status for result in found] == ["complete"] * 2, found[1].failure
+    assert found[0].estimates.xy_m.tobytes() == found[1].estimates.xy_m.tobytes()
+
+
+def test_every_walk_begins_in_a_fresh_interpreter_and_an_empty_folder(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SECRET", "b3f1")
+    for _ in range(2):
+        localizer = start("Leaves")
+        with pytest.raises(LocalizerRaised, match="LookupError: that is all"):
+            brief(localizer)
+        assert localizer.failure.startswith("1 [] None True"), localizer.failure
+        localizer.close()
+
+
+def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start) -> None:
+    localizer = start("Stays")
+    brief(localizer)
+    launcher()._process.kill()
+    with pytest.raises((LaunchError, LocalizerExit)):
+        for _ in range(1000):
+            localizer.step(Observation(0.0, {}))
+            time.sleep(0.01)
+    facts: Any = localizer.close()
+    assert facts["peak_mb"] > 20
+    assert facts["child"].keys() == {"cpu_s", "memory_mb", "measured"}, "seen from outside: what measures it is gone"
+    again = start("Stays")
+    brief(again)
+    assert again.step(Observation(0.0, {})).level == -2
+
+
+def test_a_launcher_leaves_no_folder_whether_it_is_ended_or_orphaned(start: Start) -> None:
+    start("Stays").close()
+    scratch = Path(launcher()._scratch)
+    assert scratch.is_dir()
+    discard()
+    assert not scratch.exists()
+    start("Stays").close()
+    orphan = launcher()
+    scratch = Path(orphan._scratch)
+    orphan._control.close()  # as the kernel does for a process that was killed
+    orphan._process.wait(20)
+    assert not scratch.exists()
+    discard()
