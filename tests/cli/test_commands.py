@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from pdrbench.process import Budget
-from pdrbench_leaderboard.confine.landlock import Ruleset
 from pdrbench.registry import make_task
+from pdrbench_leaderboard.confine.landlock import Ruleset
 
 MINE = """
     from pdrbench import Estimate
