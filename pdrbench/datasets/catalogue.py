@@ -97,7 +97,8 @@ def read_table(text: bytes, origin: str) -> Dataset:
     try:
         return msgspec.json.decode(text, type=Dataset)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{origin}: {error}; make it anew with: python -m pdrbench.datasets.table FOLDER") from error
+        remedy = "make it anew with: python -m pdrbench_lab.dataset_table FOLDER"
+        raise DatasetError(f"{origin}: {error}; {remedy}") from error
 
 
 @functools.cache

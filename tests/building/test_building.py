@@ -176,7 +176,6 @@ def test_connected_polygons_may_lie_at_different_heights() -> None:
     assert stairs.area_m2 == 2
 
 
-@pytest.mark.slow
 def test_a_million_vertices_are_checked_in_seconds() -> None:
     angle = np.linspace(0, 2 * np.pi, 1_000_000, endpoint=False)
     circle = 100 * np.column_stack([np.cos(angle), np.sin(angle)])

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import lzma
 import os
 import socket
 import subprocess
 import sys
 import textwrap
-import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +16,7 @@ import msgspec
 import pytest
 
 from pdrbench import datasets as registry
-from pdrbench.datasets import DataFile, Dataset, download, integrity
+from pdrbench.datasets import Dataset, download, integrity
 from pdrbench.datasets.download import fetch_into
 from pdrbench.errors import DatasetError
 
@@ -72,26 +69,6 @@ def test_an_interrupted_transfer_is_continued_with_the_rest_only(small: Dataset,
     assert problems(small, tmp_path) == []
 
 
-def test_a_server_without_ranges_sends_everything_again(small: Dataset, server: Any, tmp_path: Path) -> None:
-    whole = len(server.files["walk.txt"])
-    server.has_ranges = False
-    server.break_after["walk.txt"] = 300_000
-    with pytest.raises(DatasetError, match="broke off"):
-        fetch_into(small, tmp_path)
-    fetch_into(small, tmp_path)
-    assert server.requests_of("walk.txt") == [300_000, whole]
-    assert problems(small, tmp_path) == []
-
-
-def test_a_partial_file_that_holds_everything_is_begun_anew(small: Dataset, server: Any, tmp_path: Path) -> None:
-    walk = next(file for file in small.files if "walk" in file.path)
-    part = tmp_path / integrity.PARTIAL_FOLDER / f"{download._scratch_name(walk)}.part"
-    part.parent.mkdir()
-    part.write_bytes(server.files["walk.txt"] + b"too much")
-    fetch_into(small, tmp_path)
-    assert problems(small, tmp_path) == []
-
-
 @pytest.mark.parametrize("path", ["map.json", "floor/walk.txt.gz"])
 def test_a_wrong_hash_keeps_nothing_and_says_so(path: str, small: Dataset, server: Any, tmp_path: Path) -> None:
     source = Path(path).name.removesuffix(".gz")
@@ -126,35 +103,6 @@ def test_another_zlib_is_reported_and_accepted(small: Dataset, tmp_path: Path, m
     came = fetch_into(small, tmp_path)
     assert came.recompressed == ("floor/walk.txt.gz",)
     assert [problem.kind for problem in problems(small, tmp_path)] == ["recompressed"]
-
-
-def test_xz_is_made_from_the_source_and_other_wrappings_are_accepted(
-    small: Dataset, server: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = server.files["walk.txt"]
-    packed = lzma.compress(text, preset=7)
-    made = {"path": "floor/walk.txt.xz", "sha256": hashlib.sha256(packed).hexdigest(), "recipe": "xz"}
-    rows = [msgspec.structs.replace(row, **made) if row.path == "floor/walk.txt.gz" else row for row in small.files]
-    as_xz = msgspec.structs.replace(small, files=tuple(rows))
-    assert fetch_into(as_xz, tmp_path / "one").recompressed == ()
-    assert (tmp_path / "one/floor/walk.txt.xz").read_bytes() == packed
-    monkeypatch.setitem(download.RECIPES, "xz", lambda source: lzma.compress(source, preset=1))
-    assert fetch_into(as_xz, tmp_path / "two").recompressed == ("floor/walk.txt.xz",)
-    (tmp_path / "two/floor/walk.txt.xz").write_bytes(packed[:-20])
-    assert [problem.kind for problem in problems(as_xz, tmp_path / "two")] == ["differs"]
-
-
-def test_files_are_fetched_at_the_same_time_also_where_two_have_one_content(
-    small: Dataset, server: Any, tmp_path: Path
-) -> None:
-    """Each request waits until three are open, or fails: one after the other they would never be."""
-    together = threading.Barrier(3, timeout=20.0)
-    server.before = lambda path: together.wait() if path == "map.json" else None
-    first = next(file for file in small.files if file.path == "map.json")
-    copies = tuple(msgspec.structs.replace(first, path=f"{floor}/map.json") for floor in ("a", "b"))
-    came = fetch_into(msgspec.structs.replace(small, files=(*small.files, *copies)), tmp_path)
-    assert {"map.json", "a/map.json", "b/map.json"} <= set(came.fetched)
-    assert {(tmp_path / path).read_bytes() for path in ("map.json", "a/map.json", "b/map.json")} == {b"{}"}
 
 
 def test_a_missing_file_names_its_address(small: Dataset, server: Any, tmp_path: Path) -> None:
@@ -213,46 +161,6 @@ def test_a_failing_write_names_the_folder_and_leaves_no_half_file(small: Dataset
     assert "floor/walk.txt.gz" not in files_below(tmp_path / "small")
 
 
-def test_a_killed_fetch_leaves_no_half_file_and_is_continued(small: Dataset, server: Any, tmp_path: Path) -> None:
-    stalled = StalledServer(server.files["walk.txt"][:200_000], len(server.files["walk.txt"]))
-    walk_url = next(file.url for file in small.files if file.path == "floor/walk.txt.gz")
-    process = run_fetch(change(small, "floor/walk.txt.gz", url=stalled.address), tmp_path, 10**9)
-    stalled.serve_one()
-    part = tmp_path / "small" / integrity.PARTIAL_FOLDER
-    deadline = time.monotonic() + 30
-    while time.monotonic() < deadline and sum(path.stat().st_size for path in part.glob("*.part")) < 1000:
-        time.sleep(0.02)  # the other files are smaller
-    process.kill()
-    process.communicate(timeout=30)
-    stalled.close()
-    held_bytes = sum(path.stat().st_size for path in part.glob("*.part"))
-    assert 0 < held_bytes <= 200_000
-    assert not (tmp_path / "small/floor/walk.txt.gz").exists()
-    fetch_into(change(small, "floor/walk.txt.gz", url=walk_url), tmp_path / "small")
-    assert server.requests_of("walk.txt") == [len(server.files["walk.txt"]) - held_bytes]
-    assert files_below(tmp_path / "small") == PATHS
-
-
-class StalledServer:
-    """Sends the beginning of one file and then nothing, without closing."""
-
-    def __init__(self, beginning: bytes, whole_bytes: int) -> None:
-        self._beginning, self._whole_bytes = beginning, whole_bytes
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.settimeout(30)
-        self.address = f"http://127.0.0.1:{self._listener.getsockname()[1]}/walk.txt"
-
-    def serve_one(self) -> None:
-        self._connection, _ = self._listener.accept()
-        self._connection.recv(65536)
-        head = f"HTTP/1.1 200 OK\r\nContent-Length: {self._whole_bytes}\r\n\r\n"
-        self._connection.sendall(head.encode() + self._beginning)
-
-    def close(self) -> None:
-        self._connection.close()
-        self._listener.close()
-
-
 def test_two_fetches_of_one_set_do_not_collide(small: Dataset, tmp_path: Path) -> None:
     def fetch_again(*_: object) -> None:
         with pytest.raises(DatasetError, match="another fetch is writing to"):
@@ -281,36 +189,9 @@ def test_a_mirror_serves_the_files_as_they_are(
     assert problems(small, came.folder) == []
 
 
-def test_a_mirror_is_a_web_address(small: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="http:// or https:// address; got 'ftp://x'"):
-        fetch_into(small, tmp_path, mirror="ftp://x")
-
-
 def test_packaged_licences_are_the_registered_ones() -> None:
     licences = [file for each in registry.datasets().values() for file in each.files if "package:" in file.url]
     assert licences
     folder = Path(download.__file__).with_name("licences")
     for file in licences:
         assert hashlib.sha256((folder / file.url.removeprefix("package:")).read_bytes()).hexdigest() == file.sha256
-
-
-@pytest.mark.data
-def test_the_registered_set_is_made_from_its_source(server: Any, data_root: Path, tmp_path: Path) -> None:
-    """The ILC20 table against a server that offers the source's files, as far as this machine has them."""
-    ilc20 = registry.dataset("ilc20")
-    prefix = f"https://raw.githubusercontent.com/{ilc20.source_url.removeprefix('https://github.com/')}/{ilc20.commit}"
-    offered = [f for f in ilc20.files if f.recipe == "gzip" or f.role in ("map", "licence")]
-    local: list[DataFile] = []
-    for file in offered[::4]:
-        content = (data_root / "ilc20" / file.path).read_bytes()
-        if file.url.startswith(prefix):
-            place = file.url.removeprefix(f"{prefix}/")
-            server.files[place] = gzip.decompress(content) if file.recipe == "gzip" else content
-            file = msgspec.structs.replace(file, url=f"{server.address}/{place}")
-        local.append(file)
-    part = msgspec.structs.replace(ilc20, files=tuple(local))
-    came = fetch_into(part, tmp_path)
-    assert len(came.fetched) == len(local) > 15
-    for file in local:
-        problem = integrity.difference(file, tmp_path / file.path)
-        assert problem is None or problem.kind == "recompressed"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pdrbench.datasets import cache_folder, dataset, find, is_available
-from pdrbench.errors import DatasetError, UnknownNameError
+from pdrbench.errors import DatasetError
 
 
 @pytest.fixture(autouse=True)
@@ -41,12 +41,6 @@ def test_a_place_may_be_the_set_itself(tmp_path: Path, monkeypatch: pytest.Monke
     assert not is_available("foot_loops")
 
 
-def test_a_licence_alone_does_not_make_a_folder_the_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    put(tmp_path / "other" / "LICENSE")
-    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path / "other"))
-    assert not is_available("ilc20")
-
-
 def test_the_cache_counts_once_it_is_whole(tmp_path: Path) -> None:
     required = [file for file in dataset("foot_short").files if file.is_required]
     for file in required:
@@ -65,13 +59,6 @@ def test_an_absent_set_says_where_it_was_searched_and_how_to_get_it(
         assert part in str(caught.value)
     with pytest.raises(DatasetError, match="cannot be fetched automatically: copy"):
         find("foot_loops")
-
-
-def test_an_unknown_set_is_not_an_absent_one() -> None:
-    with pytest.raises(UnknownNameError):
-        find("ilc21")
-    with pytest.raises(UnknownNameError):
-        is_available("ilc21")
 
 
 def test_the_cache_follows_the_platform_unless_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import shutil
 from pathlib import Path
 
 import msgspec
@@ -77,30 +76,8 @@ def test_files_registered_by_content_are_found_under_any_name(
     assert problems(folder) == {"elsewhere/walk.txt.gz": "recompressed", "map.json": "missing"}
 
 
-def test_a_folder_that_is_none_is_an_error(folder: Path) -> None:
-    with pytest.raises(DatasetError, match="is not a folder"):
-        verify("small", folder / "absent")
-
-
 def test_a_missing_set_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
     with pytest.raises(DatasetError, match="not available"):
         locate("phone_steps")
-
-
-@pytest.mark.data
-def test_by_hash_by_content_and_not_otherwise(data_root, monkeypatch, tmp_path):
-    if not (data_root / "phone_steps").is_dir():
-        pytest.skip("phone_steps not found")
-    source = locate("phone_steps")[PATH]
-    folder = tmp_path / "phone_steps"
-    folder.mkdir()
-    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
-    shutil.copyfile(source, folder / "any.name")
-    assert locate("phone_steps") == {PATH: folder / "any.name"}
-    content = gzip.decompress((folder / "any.name").read_bytes())
-    (folder / "any.name").write_bytes(gzip.compress(content, compresslevel=1))
-    assert locate("phone_steps") == {PATH: folder / "any.name"}
-    (folder / "any.name").write_bytes(gzip.compress(content[:-10]))
-    assert locate("phone_steps") == {}

@@ -54,10 +54,8 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("localizer", "isolation"), [("dead_reckoning-v0", "none"), ("stay-v0", "process")])
-@pytest.mark.slow
-def test_a_refused_recording_is_one_failed_walk(folder: Path, localizer: str, isolation: Any) -> None:
-    results = pdrbench.evaluate(localizer, str(folder), isolation=isolation, out=folder.parent / "results", seeds=1)
+def test_a_refused_recording_is_one_failed_walk(folder: Path) -> None:
+    results = pdrbench.evaluate("dead_reckoning-v0", str(folder), isolation="none", seeds=1)
     status = {result.walk: (result.status, result.failure) for result in results.results}
     assert {name: status[name][0] for name in GOOD} == dict.fromkeys(GOOD, "complete")
     for name, reason in REASONS.items():
@@ -80,7 +78,6 @@ def test_a_mended_recording_is_played_by_the_next_run(folder: Path) -> None:
     assert (again["empty"], again["in_g"]) == ("complete", "failed")
 
 
-@pytest.mark.slow
 def test_compare_and_try_go_on(folder: Path, command: Any) -> None:
     options = ("--localizer", "stay-v0", "--isolation", "none", "--out", folder.parent / "compared", "--json")
     found = command("compare", "--env", folder, *options)

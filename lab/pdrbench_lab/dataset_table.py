@@ -1,4 +1,4 @@
-"""Makes or refreshes the table of a dataset from its folder: `python -m pdrbench.datasets.table FOLDER`.
+"""Makes or refreshes the table of a dataset from its folder: `python -m pdrbench_lab.dataset_table FOLDER`.
 
 What was written by hand into the table (summary, licence, facts, urls) is kept; hashes, sizes and the list of files are
 made anew. A folder with a `manifest.json` in the layout of the ILC20 subset gets its facts from there.
@@ -14,10 +14,11 @@ from typing import Any, Final
 
 import msgspec
 
+import pdrbench.datasets
 from pdrbench.datasets.catalogue import LICENCE, NOTE, DataFile, Dataset, read_table
 from pdrbench.datasets.integrity import files_in, sha256_of, sha256_of_content
 
-TABLES: Final = Path(__file__).parent / "tables"
+TABLES: Final = Path(pdrbench.datasets.__file__).parent / "tables"
 MANIFEST: Final = "manifest.json"
 # The manifest also knows the absolute start time and the length of each walk: the one gives the order of walks, the
 # other is made from the truth, and no table needs either.
@@ -121,7 +122,7 @@ def _with_manifest(row: DataFile, entry: Mapping[str, Any] | None, known: Datase
 
 def main() -> None:
     """Makes the table of the folder named on the command line and writes it beside the others."""
-    parser = argparse.ArgumentParser(prog="python -m pdrbench.datasets.table", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m pdrbench_lab.dataset_table", description=__doc__)
     parser.add_argument("folder", type=Path, help="folder of the set, named like the set")
     parser.add_argument("--out", type=Path, help="file to write; the packaged table without it")
     arguments = parser.parse_args()

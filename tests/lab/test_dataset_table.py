@@ -11,7 +11,7 @@ import pytest
 
 from pdrbench.datasets import dataset, datasets
 from pdrbench.datasets.catalogue import read_table
-from pdrbench.datasets.table import main, make_table, write_table
+from pdrbench_lab.dataset_table import main, make_table, write_table
 
 
 @pytest.fixture
