@@ -13,7 +13,7 @@ from typing import Any, Final
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from pages import dataset_pages, fields_page, gallery_page, networks_page, notebook_pages
+from pages import dataset_pages, fields_page, networks_page
 
 from pdrbench.datasets import datasets
 from pdrbench.registry import environments, localizers, make_task
@@ -65,7 +65,7 @@ def _short(room: str) -> str:
     return room.rpartition(".")[2]
 
 
-def _generated(root: Path) -> Iterator[tuple[str, str | bytes]]:
+def _generated(root: Path) -> Iterator[tuple[str, str]]:
     tasks = [make_task(name) for name in environments()]
     rows = [f"| [{task.id}]({task.id}.md) | {task.summary} | {task.licence} |" for task in tasks]
     yield "environments/index.md", _index("Environments", "| id | what | licence |", rows)
@@ -79,11 +79,9 @@ def _generated(root: Path) -> Iterator[tuple[str, str | bytes]]:
     yield "api.md", _api_page("pdrbench")
     for room in ROOMS:
         yield f"api/{_short(room)}.md", _api_page(room)
-    yield "gallery.md", gallery_page()
     yield "networks.md", networks_page()
     yield "fields.md", fields_page()
     yield from dataset_pages()
-    yield from notebook_pages()
     yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8")
 
 

@@ -1,27 +1,23 @@
-"""Pages made of notebooks, figures, datasets, networks and records, which `docs/hooks.py` adds to the site."""
+"""Pages made of datasets, networks and records, which `docs/hooks.py` adds to the site."""
 
 from __future__ import annotations
 
-import base64
-import html
 import inspect
-import json
 import re
 import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
-
-from figures import DOCS, NOTEBOOKS, VIEWS, View
 
 from pdrbench.datasets import Dataset, datasets
 from pdrbench.report.docstrings import docstring_markdown
 
-Page = tuple[str, str | bytes]  # path in the site and content
+Page = tuple[str, str]  # path in the site and content
+DOCS: Final = Path(__file__).resolve().parent
 NETWORKS: Final = DOCS.parent / "baselines" / "pdrbench_baselines" / "learned"
 RECORDS: Final = {  # files and JSON whose fields are those of a record
     "A result: `Result`": ("pdrbench.result:Result",),
     "Where a localizer was: `Estimates`": ("pdrbench.trajectory:Estimates",),
-    "The ledger of looks at sealed splits: `looks.jsonl`": ("pdrbench_lab.reproduce.looks:Look",),
     "A bundle: `manifest.json` and `run.json`": (
         "pdrbench_leaderboard.manifest:Manifest",
         "pdrbench_leaderboard.manifest:EnvironmentRecord",
@@ -38,95 +34,6 @@ RECORDS: Final = {  # files and JSON whose fields are those of a record
         "pdrbench.localizer_folder:Weights",
     ),
 }
-
-
-def notebook_pages() -> Iterator[Page]:
-    """Every notebook as Markdown, and its pictures."""
-    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
-        parts, pictures = [], 0
-        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
-            source = "".join(cell["source"])
-            if cell["cell_type"] == "markdown":
-                parts.append(source)
-                continue
-            shell = source.startswith("%%sh\n")
-            parts.append(f"```{'bash' if shell else 'python'}\n{source.removeprefix('%%sh').strip()}\n```")
-            for output in cell["outputs"]:
-                data = output.get("data", {})
-                if "image/png" in data:
-                    pictures += 1
-                    name = f"{path.stem}-{pictures}.png"
-                    yield f"notebooks/{name}", base64.b64decode("".join(data["image/png"]))
-                    parts.append(f"![What the code above draws]({name})")
-                elif "text/html" in data:
-                    parts.append(_table("".join(data["text/html"])))
-                else:
-                    text = "".join(output.get("text", data.get("text/plain", "")))
-                    parts.append(f"```text\n{text.rstrip()}\n```")
-        note = (
-            f"*A notebook: [download it]({path.name}). CI runs it and compares what it shows with what stands here: "
-            f"`python -m docs.figures --check {path.stem}`.*"
-        )
-        title, _, rest = "\n\n".join(parts).partition("\n")
-        yield f"notebooks/{path.stem}.md", f"{title}\n\n{note}\n{rest}\n"
-
-
-def _table(text: str) -> str:
-    """A table of pandas without its style."""
-    bare = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
-    return "\n".join(line.strip() for line in bare.splitlines() if line.strip()).replace(' class="dataframe"', "")
-
-
-def gallery_page() -> str:
-    """Every figure with the command that draws it."""
-    captions = dict(_captions())
-    parts = [
-        "# Gallery",
-        "Every figure of README and documentation with the command that draws it. `python -m docs.figures NAME` runs "
-        "it in a checkout and writes the figure; without a name it lists all that pages show, with cost and needs. "
-        "Click on a figure for its page.",
-    ]
-    for name, view in VIEWS.items():
-        shown = [*view.figures, *(["film_light.gif"] if name == "film" else [])]
-        if not shown:
-            continue
-        items = [
-            f'<figure><a href="{captions[figure][1]}"><img src="figures/{figure}" loading="lazy" '
-            f'alt="{html.escape(captions[figure][0])}"></a><figcaption>{html.escape(captions[figure][0])}</figcaption></figure>'
-            for figure in shown
-        ]
-        parts += [
-            f"## {view.what}",
-            "\n".join(['<div class="gallery">', *items, "</div>"]),
-            f"`python -m docs.figures {name}` ({_cost(view)}) runs",
-            "```bash\n" + "\n".join(command.replace(f"{DOCS.parent}/", "") for command in view.commands) + "\n```",
-        ]
-    parts += ["## Numbers", "Tables and numbers that commands print, and who compares them:", _numbers()]
-    return "\n\n".join(parts) + "\n"
-
-
-def _captions() -> Iterator[tuple[str, tuple[str, str]]]:
-    """Caption and page of every figure, as the pages have them."""
-    for page in sorted(DOCS.glob("*.md")):
-        for caption, figure in re.findall(r"!\[([^\]]+)\]\(figures/([^)]+)\)", page.read_text(encoding="utf-8")):
-            yield figure, (caption, f"{page.stem}.html")
-    (film,) = re.findall(
-        r'<img src="docs/figures/([^"]+)" alt', (DOCS.parent / "README.md").read_text(encoding="utf-8")
-    )
-    yield film, ("Two million particles on three levels become one cloud", "woodman2008.html")
-
-
-def _cost(view: View) -> str:
-    return view.takes + (f"; needs {view.needs}" if view.needs else "")
-
-
-def _numbers() -> str:
-    rows = ["| view | what | takes | checked |", "|---|---|---|---|"]
-    for name, view in VIEWS.items():
-        pages = [*view.pages, *([f"{view.table}.md"] if view.table else [])]
-        linked = f" ({', '.join(f'[{page[:-3]}]({page})' for page in pages)})" if pages else ""
-        rows.append(f"| `{name}` | {view.what}{linked} | {_cost(view)} | {'by CI' if view.check else 'by hand'} |")
-    return "\n".join(rows)
 
 
 def dataset_pages() -> Iterator[Page]:
@@ -183,9 +90,9 @@ def networks_page() -> str:
     intro = (
         "# Networks\n\nA card for each network that pdrbench comes with: what it was trained on, people and phones, "
         "figures that are left out of training, limits. `MODEL_CARD.md` beside the weights has the same text. "
-        "[Learned stride and heading](learned.md) has the method.\n\n"
+        "[Learned displacement](learned.md) says how to use them.\n\n"
     )
-    return intro + re.sub(r"^#", "##", text, flags=re.MULTILINE).replace("docs/learned.md", "[Learned](learned.md)")
+    return intro + re.sub(r"^#", "##", text, flags=re.MULTILINE)
 
 
 def fields_page() -> str:

@@ -180,16 +180,6 @@ def test_walks_as_units_do_not_cover() -> None:
     assert np.mean((low <= truth) & (truth <= high)) > NOMINAL
 
 
-@pytest.mark.long(seconds=20)
-def test_the_table_of_coverage_in_the_docs() -> None:
-    table = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
-    for name, sizes in DESIGNS.items():
-        for sigma in (0.0, SIGMA, 0.8):
-            cells = [f"{100 * coverage(sizes, correlation, sigma, 20_000):.1f}" for correlation in (0.0, 0.2, 0.4)]
-            kind = f"log-normal, {sigma}" if sigma else "normal"
-            assert f"| {name} | {kind} | {' | '.join(cells)} |" in table
-
-
 def test_the_interval_of_a_quantile_covers() -> None:
     # Medians over walks of which some are infinite, and 75th percentiles of pooled places of walks with a level of
     # their own. Binomial standard error of 92 % in 400: 1.4 %, two of them.
