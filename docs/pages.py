@@ -83,16 +83,16 @@ def _environments_of() -> dict[str, list[str]]:
 def networks_page() -> str:
     """A card for each network that pdrbench comes with; refuses one without a card."""
     text = (NETWORKS / "MODEL_CARD.md").read_text(encoding="utf-8")
+    cards = {card.split()[0]: card for card in re.split(r"^# (?=\S+\.safetensors$)", text, flags=re.MULTILINE)[1:]}
     files = sorted(path.name for path in NETWORKS.glob("*.safetensors"))
-    carded = re.findall(r"^# (\S+\.safetensors)$", text, re.MULTILINE)
-    if sorted(carded) != files:
-        raise SystemExit(f"MODEL_CARD.md is on {carded}, the networks are {files}")
+    if missing := set(files) - set(cards):
+        raise SystemExit(f"MODEL_CARD.md has no card of {sorted(missing)}")
     intro = (
         "# Networks\n\nA card for each network that pdrbench comes with: what it was trained on, people and phones, "
         "figures that are left out of training, limits. `MODEL_CARD.md` beside the weights has the same text. "
         "[Learned displacement](learned.md) says how to use them.\n\n"
     )
-    return intro + re.sub(r"^#", "##", text, flags=re.MULTILINE)
+    return intro + "\n".join(re.sub(r"^#", "##", f"# {cards[name]}", flags=re.MULTILINE) for name in files)
 
 
 def fields_page() -> str:
@@ -103,7 +103,7 @@ def fields_page() -> str:
         "# Fields of files",
         "What stands in the files and the JSON that pdrbench reads and writes, from the records themselves. "
         "[`compare --json`](results.md#json) is described with the results, `task.toml` "
-        "[with folders](bring-your-own.md#a-folder-is-an-environment).",
+        "[with folders](own-environment.md).",
     ]
     for title, targets in RECORDS.items():
         parts.append(f"## {title}")
