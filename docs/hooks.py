@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pprint
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
@@ -16,7 +16,7 @@ from mkdocs.structure.pages import Page
 from pages import dataset_pages, fields_page, networks_page
 
 from pdrbench.datasets import datasets
-from pdrbench.registry import environments, localizers, make_task
+from pdrbench.registry import PluginEntry, environments, localizers, make_task
 from pdrbench.report import environment_page, localizer_page, metrics_page
 from pdrbench.report.docstrings import docstring_markdown, first_sentence
 from pdrbench_formats.pages.formats import formats_page
@@ -32,8 +32,8 @@ ROOMS: Final = (  # whose `__all__` is what may be relied on
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Adds the generated pages to the navigation."""
     generated = [
-        {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in environments())]},
-        {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in localizers())]},
+        {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in ours(environments()))]},
+        {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in ours(localizers()))]},
         {"Metrics": "metrics.md"},
         {"Datasets": [f"datasets/{name}.md" for name in datasets()]},
         {"Networks": "networks.md"},
@@ -61,19 +61,24 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return markdown.replace(mark, make()) if mark else markdown
 
 
+def ours(entries: Mapping[str, PluginEntry]) -> dict[str, PluginEntry]:
+    """What pdrbench itself comes with, whatever else is installed."""
+    return {name: entry for name, entry in entries.items() if entry.package == "pdrbench"}
+
+
 def _short(room: str) -> str:
     return room.rpartition(".")[2]
 
 
 def _generated(root: Path) -> Iterator[tuple[str, str]]:
-    tasks = [make_task(name) for name in environments()]
+    tasks = [make_task(name) for name in ours(environments())]
     rows = [f"| [{task.id}]({task.id}.md) | {task.summary} | {task.licence} |" for task in tasks]
     yield "environments/index.md", _index("Environments", "| id | what | licence |", rows)
     for task in tasks:
         yield f"environments/{task.id}.md", environment_page(task)
-    rows = [f"| [{name}]({name}.md) | {_summary(entry.load())} |" for name, entry in localizers().items()]
+    rows = [f"| [{name}]({name}.md) | {_summary(entry.load())} |" for name, entry in ours(localizers()).items()]
     yield "localizers/index.md", _index("Localizers", "| id | what |", rows)
-    for name in localizers():
+    for name in ours(localizers()):
         yield f"localizers/{name}.md", localizer_page(name)
     yield "metrics.md", metrics_page()
     yield "api.md", _api_page("pdrbench")

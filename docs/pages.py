@@ -74,8 +74,8 @@ def _environments_of() -> dict[str, list[str]]:
     from pdrbench.registry import environments, make_task
 
     found: dict[str, list[str]] = {}
-    for env in environments():
-        if (name := make_task(env).dataset) is not None:
+    for env, entry in environments().items():
+        if entry.package == "pdrbench" and (name := make_task(env).dataset) is not None:
             found.setdefault(name, []).append(env)
     return found
 

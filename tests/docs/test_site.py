@@ -15,7 +15,7 @@ from pdrbench import building, evaluation, filters, inertial, metrics, picture, 
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 KINDS: Final = (  # a page of each kind
-    *("index", "tutorial", "gallery", "speed", "results", "metrics", "fields", "networks", "notebooks/own-data"),
+    *("index", "choose", "tutorial", "results", "threats", "metrics", "fields", "networks"),
     *("api/filters", "environments/OfficeStride-v2", "datasets/foot_vicon"),
 )
 PHONE: Final = (390, 844)
@@ -120,7 +120,6 @@ def scheme(request: pytest.FixtureRequest, browser: Any) -> str:
     return found
 
 
-@pytest.mark.slow
 def test_pages_fit_a_phone_and_can_be_read(site: Path, browser: Any, scheme: str) -> None:
     """No page scrolls sideways at 390 px, and text has the contrast of WCAG AA: 4.5, large text 3."""
     browser.size(*PHONE, mobile=True)
@@ -131,7 +130,6 @@ def test_pages_fit_a_phone_and_can_be_read(site: Path, browser: Any, scheme: str
         assert browser.run(CONTRAST) == {}, kind
 
 
-@pytest.mark.long(seconds=90)
 def test_every_page_fits_a_phone(site: Path, texts: dict[str, str], browser: Any) -> None:
     browser.size(*PHONE, mobile=True)
     wide = []
@@ -144,7 +142,7 @@ def test_every_page_fits_a_phone(site: Path, texts: dict[str, str], browser: Any
 
 def test_the_keyboard_shows_where_it_is(site: Path, browser: Any, scheme: str) -> None:
     browser.size(1280, 900)
-    browser.open(site / "gallery.html")
+    browser.open(site / "index.html")
     places = set()
     for _ in range(25):
         browser.key("Tab")
