@@ -65,7 +65,9 @@ def test_a_page_is_short_and_plain(page: Path) -> None:
 
 def test_no_link_of_a_text_is_dead() -> None:
     """Files only; places in pages of the site are looked for when it is built."""
-    generated = re.compile(r"docs/(environments|localizers|datasets|api)/|docs/(metrics|networks|fields|api|changelog)\.md$")
+    generated = re.compile(
+        r"docs/(environments|localizers|datasets|api)/|docs/(metrics|networks|fields|api|changelog)\.md$"
+    )
     dead = []
     for path in TEXTS:
         text = re.sub(r"^ *```.*?^ *```$|`[^`]*`", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
