@@ -96,5 +96,5 @@ READERS = {
 }
 
 WARM_UPS = {
-    "pdrbench_lab.footslam": "pdrbench_lab.footslam.kernels:warm_up",
+    "pdrbench_lab.footslam": "pdrbench_lab.footslam.warm:warm_up",
 }

@@ -25,19 +25,6 @@ HASH: Final = 0x9E3779B1  # 2^32 over the golden ratio; Knuth 1973, section 6.4
 MAX_CROSSINGS: Final = 64  # of one segment: 5 m, the longest stride of the sensor, cross 13 edges at 0.5 m
 
 
-def warm_up() -> None:
-    """Compiles them, or loads them from the cache."""
-    from pdrbench_lab.footslam.cloud import OdometryNoise, SlamCloud, SlamParams
-    from pdrbench_lab.footslam.hexagons import crossings
-
-    cloud = SlamCloud(np.zeros(2), 0.0, OdometryNoise(), SlamParams(num_particles=2, delay=0), np.random.default_rng(0))
-    for _ in range(3):
-        cloud.stride(5.0, 0.0, 0)
-    cloud.maps.enlarge()
-    cloud.maps.replace(np.zeros(2, dtype=np.int64))
-    crossings(np.zeros((1, 2)), np.ones((1, 2)), 0.5)
-
-
 @compiled
 def next_edge(q: Any, r: Any, x: float, y: float, dx: float, dy: float, radius: float) -> Any:
     """Edge through which the line (x, y) + t (dx, dy) leaves hexagon (q, r), and t there; 6 and infinity if never."""

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_lab.footslam.cloud import ADAPTIVE_FILTER, OdometryNoise, SlamCloud, SlamParams
-from pdrbench_lab.footslam.kernels import warm_up
 from pdrbench_lab.footslam.odometry import StrideSensor, level_heights, odometry_of
+from pdrbench_lab.footslam.warm import warm_up
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from pdrbench.localizer import Briefing
 from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params
 
 REMEDY: Final = (
-    "install pdrbench[gpu] where there is an NVIDIA GPU, and run without --confined, since a confined process sees "
-    "no devices; woodman2008-v0 is the same filter on a processor"
+    "install pdrbench-lab[gpu] where there is an NVIDIA GPU, and run without --confined, since a confined process sees "
+    "no devices; woodman2008 is the same filter on a processor"
 )
 
 
