@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -39,8 +39,6 @@ class StepCount:
     Args:
         params: See `StepCountParams`.
     """
-
-    counts: ClassVar[str] = "steps"  # metres of its path are a count, no places
 
     def __init__(self, params: StepCountParams = STEP_COUNT) -> None:
         self._params = params

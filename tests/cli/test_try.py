@@ -42,14 +42,13 @@ def walk(tmp_path: Path) -> Path:
 
 def tried(command: Any, walk: Path, *options: str) -> tuple[dict[str, Any], str]:
     out = walk.parent / "out"
-    localizers = [f"--localizer={name}-v0" for name in ("stay", "step_count", "woodman2008")]
+    localizers = [f"--localizer={name}-v0" for name in ("stay", "woodman2008")]
     columns = f"--columns={walk.parent / 'columns.toml'}"
     done = command("try", walk, columns, *localizers, *options, "--isolation=none", f"--out={out}", "--json")
     assert done.code == 0, done.err
     return json.loads(done.out), done.err
 
 
-@pytest.mark.slow
 def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Path) -> None:
     answer, _ = tried(command, walk, f"--truth={walk.parent / 'places.csv'}", "--heading=0")
     errors = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in answer["rows"]}
@@ -58,7 +57,6 @@ def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Pat
     assert not any("woodman" in file.name for file in (walk.parent / "out" / "results").iterdir())  # nor was it run
     names = {Path(file).name for file in answer["files"]}
     assert {"walk.png", "table.csv", "stay-v0.tum", "reference.geojson", "stay-v0.gpx"} <= names
-    assert not any("step_count" in name for name in names)  # its metres are counts
     gpx = (walk.parent / "out" / "paths" / "walk" / "stay-v0.gpx").read_text()
     assert f'lat="{LAT:.9f}"' in gpx and "2023-11-14T22:13:20" in gpx
     assert {row["localizer"] for row in (*answer["paths"], *answer["rows"])} == {"stay-v0"}
@@ -69,9 +67,6 @@ def test_a_walk_without_places_is_relative(command: Any, walk: Path) -> None:
     answer, notes = tried(command, walk, f"--map={walk.parent / 'plan.geojson'}")
     assert "relative to (0, 0)" in notes and "plan.geojson is not used" in notes
     assert answer["rows"] == []
-    (counted,) = answer["counted"]
-    assert (counted["walk"], counted["localizer"]) == ("walk", "step_count-v0")
-    assert 6 < int(counted["what"].removesuffix(" steps")) < 20  # eighteen steps in nine seconds
     assert not any(str(file).endswith(".gpx") for file in answer["files"])
 
 
@@ -83,7 +78,6 @@ def test_a_start_on_a_plan(command: Any, walk: Path) -> None:
     assert (walk.parent / "out" / "walk.png").stat().st_size > 5000
 
 
-@pytest.mark.slow
 def test_a_shoe_is_recognised_and_may_be_called_something_else(command: Any, tmp_path: Path) -> None:
     motion = foot_walk(12, swing_s=0.5, tilt_rad=0.9)
     rows = np.column_stack([motion.t_s, motion.accel, motion.gyro])
@@ -99,10 +93,9 @@ def test_a_shoe_is_recognised_and_may_be_called_something_else(command: Any, tmp
     found, notes = answer("foot_ins")
     assert "taken for a shoe; --mounting hand" in notes
     assert found["paths"][0]["end_x_m"] == pytest.approx(float(motion.position_m[-1, 0]), rel=0.05)
-    for name, why in (("foot_ins", "carried in the hand"), ("learned", "needs the sensor 'rotation'")):
-        found, notes = answer(name, "--mounting=hand")
-        assert "taken for a shoe" not in notes
-        assert why in found["declined"][f"{name}-v0"] and not found["failed"]
+    found, notes = answer("foot_ins", "--mounting=hand")
+    assert "taken for a shoe" not in notes
+    assert "carried in the hand" in found["declined"]["foot_ins-v0"] and not found["failed"]
 
 
 @pytest.mark.parametrize(
@@ -145,4 +138,5 @@ def test_a_packed_folder_is_the_same_environment_for_whoever_fetches_it(
     assert wrong.code == 1 and "hash differs" in wrong.err
     assert fetched.code == 0, fetched.err
     theirs, ours = make_task(str(tmp_path / "cache" / "Try-v0")), make_task(str(tmp_path / "out"))
-    assert theirs.sha256 == ours.sha256
+    for name, stream in ours.load("walk").streams.items():
+        np.testing.assert_array_equal(theirs.load("walk").streams[name].rows, stream.rows)

@@ -58,7 +58,7 @@ def try_(
         from pdrbench.evaluation import Results, evaluate
         from pdrbench_formats.taskfile import walks_of_file
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
-        from pdrbench_formats.taskfile.suitable import counting, declined_results
+        from pdrbench_formats.taskfile.suitable import declined_results
 
         wishes = Wishes(plan, columns, _start(start), heading, truth, mounting)
         localizers = ready_localizers(localizer, SPLIT, isolation)
@@ -80,21 +80,10 @@ def try_(
                 seeds=1,
                 progress=True,
             )
-        counts = counting(played)
-        counted = [_count(result, counts[result.localizer]) for result in results.results if result.localizer in counts]
-        results = Results(tuple(result for result in results.results if result.localizer not in counts))
         is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.facts)
         rows = results.rows() if is_scored and played else []
         written = _write(walks, results.results, _errors(rows), out)
-    _print(walks, results.results, declined, rows, written, out, counted, as_json=as_json)
-
-
-def _count(result: Result, what: str) -> tuple[str, str, str]:
-    """Walk, localizer and what it counted, a metre of its path each."""
-    from pdrbench_formats.pages.tried import path_rows
-
-    counts = [round(row["length_m"]) for row in path_rows([result])]
-    return result.walk, result.localizer, f"{counts[0]} {what}" if counts else f"no {what}"
+    _print(walks, results.results, declined, rows, written, out, as_json=as_json)
 
 
 def _start(text: str | None) -> tuple[float, float, int] | None:
@@ -154,7 +143,6 @@ def _print(
     rows: Sequence[Mapping[str, Any]],
     written: Sequence[Path],
     out: Path,
-    counted: Sequence[tuple[str, str, str]],
     *,
     as_json: bool,
 ) -> None:
@@ -173,7 +161,6 @@ def _print(
                 "rows": rows,
                 "paths": paths,
                 "declined": reasons,
-                "counted": [dict(zip(("walk", "localizer", "what"), row, strict=True)) for row in counted],
                 "failed": failed,
                 "missing": missing,
                 "files": written,
@@ -188,8 +175,6 @@ def _print(
             [f"{round(v, 1) + 0.0:.1f}" if isinstance(v, float) else str(v) for v in row.values()] for row in paths
         ]
         print_table(head, cells, title="no places to score against: lengths and ends of the paths")
-    for walk, name, count in counted:
-        note(f"{walk}: {name} counts {count}: its metres are no places, and are neither ranked nor drawn")
     for line in footnotes([result for result in results if result.status != UNSUITABLE]):
         note(line)
     for reason, names in _by_reason((*results, *declined)).items():
