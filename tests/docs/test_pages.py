@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
 import pdrbench_formats
+from pdrbench.registry import environments, localizers
 from pdrbench_formats.pages.formats import format_facts, formats_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*/README.md")])
 BLOCK = re.compile(r'^```python(?: title="(?P<title>[^"]+)")?\n(?P<code>.*?)^```$', re.MULTILINE | re.DOTALL)
+SHELL = re.compile(r"^ *```(?:bash|sh)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="documentation is not part of a wheel")
 
@@ -78,3 +82,57 @@ def test_every_finding_is_described() -> None:
     }
     assert len(found) > 20
     assert [name for name in sorted(found) if f"`{name}`" not in page] == []
+
+
+def documented_commands() -> list[tuple[str, list[str]]]:
+    """Page and words of each `pdrbench` command in a block of a shell."""
+    found = []
+    for path in (ROOT / "README.md", *PAGES):
+        for block in SHELL.findall(path.read_text(encoding="utf-8")):
+            for line in block.splitlines():
+                for command in line.split("&&"):
+                    words = shlex.split(command, comments=True)
+                    if words and Path(words[0]).name == "pdrbench":
+                        found.append((str(path.relative_to(ROOT)), words[1:]))
+    return found
+
+
+def test_documented_commands_and_options_exist() -> None:
+    """Names only; those of the laboratory take anything where it is not installed."""
+    from pdrbench import cli
+
+    cli._add_commands()
+    root = typer.main.get_command(cli.app)
+    wrong = []
+    for page, words in documented_commands():
+        command: Any = root
+        while words and hasattr(command, "commands"):
+            command, *words = command.commands.get(words[0]), *words[1:]
+        known = {name for param in getattr(command, "params", ()) for name in (*param.opts, *param.secondary_opts)}
+        takes_any = command is not None and command.context_settings.get("ignore_unknown_options")
+        unknown = [word for word in words if word.startswith("--") and word.partition("=")[0] not in known]
+        if command is None or (unknown and not takes_any):
+            wrong.append((page, words, unknown))
+    assert len(documented_commands()) > 60
+    assert wrong == []
+
+
+def test_documented_ids_are_registered() -> None:
+    """Environments and localizers that commands name, but for files and folders of the reader."""
+    wrong = []
+    for page, words in documented_commands():
+        for option, known in (("--env", environments()), ("--localizer", localizers())):
+            named = [words[at + 1].partition("?")[0] for at, word in enumerate(words) if word == option]
+            wrong += [(page, name) for name in named if not re.search(r"[/.]", name) and name not in known]
+    assert [(page, name) for page, name in wrong if not page.startswith("lab/")] == []
+
+
+def test_choose_names_what_is_registered() -> None:
+    """Each localizer that the page recommends, and none of the product is missing from what needs what."""
+    page = (ROOT / "docs" / "choose.md").read_text(encoding="utf-8")
+    rows = [line.split("|") for line in page.splitlines() if line.startswith("| ")]
+    taken = {name for row in rows if len(row) == 8 for name in re.findall(r"`(\w+)`", row[3])}
+    needs = {name for row in rows if len(row) == 5 for name in re.findall(r"`(\w+)`", row[1])}
+    ours = {name for name, entry in localizers().items() if entry.package == "pdrbench"}
+    assert taken <= ours
+    assert needs == ours - {"oracle"}
