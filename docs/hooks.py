@@ -87,7 +87,7 @@ def _generated(root: Path) -> Iterator[tuple[str, str]]:
     yield "networks.md", networks_page()
     yield "fields.md", fields_page()
     yield from dataset_pages()
-    yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
 
 
 def _index(title: str, head: str, rows: list[str]) -> str:
