@@ -18,7 +18,7 @@ from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.recording import Recording
-from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates, Start
 
@@ -202,7 +202,7 @@ class Episode:
         self._awaited = False
         self._answers = np.full((len(self), len(ESTIMATE_COLUMNS)), np.nan)
         self._missing: dict[int, str] = {}  # reason by step
-        self._division = ONLINE
+        self._revised: FloatArray | None = None
 
     def fresh(self) -> Episode:
         """The same walk from its beginning; what was laid out is shared."""
@@ -292,7 +292,7 @@ class Episode:
         self._step = answered.stop
 
     def revise(self, track: object) -> None:
-        """Takes a revised past for the answers, once all of them are given.
+        """Takes a revised past beside the answers, once all of them are given.
 
         An answer at t becomes the last row with t_s <= t + 0.01 s, with the claims of that row and no others; answers
         before the first row stand.
@@ -301,7 +301,7 @@ class Episode:
             track: As `revise` of a localizer returns it; None changes nothing.
 
         Raises:
-            EstimateError: The walk is not over, or it is no track; the answers stand.
+            EstimateError: The walk is not over, or it is no track.
         """
         if not self.done:
             raise EstimateError(f"{self!r} is not over: a past is revised after the last answer")
@@ -314,9 +314,8 @@ class Episode:
             return
         _, x_m, y_m, level, sigma_m, heading_rad = rows[last[revised]].T
         converged = np.full(len(revised), np.nan)
-        self._answers[revised] = np.column_stack([x_m, y_m, level, heading_rad, sigma_m, converged])
-        self._missing = {step: reason for step, reason in self._missing.items() if step < revised[0]}
-        self._division = OFFLINE
+        self._revised = self._answers.copy()
+        self._revised[revised] = np.column_stack([x_m, y_m, level, heading_rad, sigma_m, converged])
 
     def result(
         self,
@@ -344,8 +343,8 @@ class Episode:
             failure=failure,
             missing=Counter(self._missing.values()),
             provenance=provenance or {},
-            division=self._division,
             revise_s=revise_s,
+            revised=None if self._revised is None else Estimates.from_columns(self.now_s[:-1], self._revised.T),
         )
 
 
@@ -362,8 +361,7 @@ def play(
     """One localizer through one walk. A localizer that raises ends its walk; what it answered before is kept.
 
     It may decline a walk in `reset` or at its first observation; once it has answered, it may not leave the walk out.
-    Where it offers `revise`, it is asked once when the walk is over; where that fails, so has the walk, and the answers
-    stand as they were given.
+    Where it offers `revise`, it is asked once when the walk is over; where that fails, so has the walk.
 
     Args:
         localizer: Anything with `reset` and `step`, and possibly `revise`.

@@ -13,7 +13,7 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics.hold import HOLD_SLACK_S
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.task import Task
-from pdrbench.trajectory import Start, Trajectory
+from pdrbench.trajectory import Estimates, Start, Trajectory
 
 SPEC = SensorSpec("accel", ("t_s", "x_mps2"), [0, -1e6], [1e6, 1e6], 50.0, "a test sensor")
 
@@ -196,11 +196,18 @@ def test_convergence_is_claimed_denied_or_left_open() -> None:
     assert np.array_equal(result.estimates.converged, [1.0, 0.0, np.nan, 1.0, np.nan], equal_nan=True)
 
 
+def revised(episode: Episode) -> Estimates:
+    found = episode.result(localizer="test", seed=0).revised
+    assert found is not None
+    return found
+
+
 def test_a_revised_past_takes_the_last_row_not_later_than_the_slack() -> None:
     episode = make_episode([0.0], 2.0)  # answers at 0, 0.5, 1, 1.5, 2
     observe_all(episode)
     episode.revise([[0.2, 1, 2, 3], [0.5 + HOLD_SLACK_S - 1e-6, 4, 5, 6], [1.0 + HOLD_SLACK_S + 1e-6, 7, 8, -9]])
-    estimates = episode.estimates
+    assert not episode.estimates.xy_m.any(), "what was answered stays"
+    estimates = revised(episode)
     assert estimates.xy_m.tolist() == [[0, 0], [4, 5], [4, 5], [7, 8], [7, 8]]
     assert estimates.level.tolist() == [0, 6, 6, -9, -9]
     assert REVISION_SLACK_S == HOLD_SLACK_S
@@ -212,9 +219,9 @@ def test_a_revised_past_may_claim_sigma_and_heading() -> None:
         episode = make_episode([0.0], 1.0)
         observe_all(episode)
         episode.revise(rows[:, :columns])
-        np.testing.assert_array_equal(episode.estimates.sigma_m, [sigma_m, sigma_m, np.nan])
-        np.testing.assert_array_equal(episode.estimates.heading_rad, [heading_rad, heading_rad, np.nan])
-        assert np.isnan(episode.estimates.converged).all()
+        np.testing.assert_array_equal(revised(episode).sigma_m, [sigma_m, sigma_m, np.nan])
+        np.testing.assert_array_equal(revised(episode).heading_rad, [heading_rad, heading_rad, np.nan])
+        assert np.isnan(revised(episode).converged).all()
 
 
 @pytest.mark.parametrize(
@@ -226,7 +233,7 @@ def test_a_malformed_track_changes_nothing(track: object) -> None:
     with pytest.raises(EstimateError, match="revise returns an array"):
         episode.revise(track)
     result = episode.result(localizer="test", seed=0)
-    assert result.division == "online" and not result.estimates.xy_m.any()
+    assert result.revised is None and not result.estimates.xy_m.any()
 
 
 def test_a_past_is_revised_after_the_last_answer_only() -> None:
@@ -248,11 +255,12 @@ class Revising(Scripted):
 def test_revise_is_called_once_and_only_after_a_complete_walk() -> None:
     through = Revising(lambda step: Estimate(np.zeros(2), 0))
     result = run(through)
-    assert (through.asked, result.division, result.status) == (1, "offline", "complete")
-    assert result.estimates.xy_m.tolist() == [[5.0, 6.0]] * 5 and result.revise_s >= 0
+    assert (through.asked, result.division, result.status) == (1, "online", "complete")
+    assert result.revised is not None and not result.estimates.xy_m.any()
+    assert result.revised.xy_m.tolist() == [[5.0, 6.0]] * 5 and result.revise_s >= 0
     crashing = Revising(lambda step: Estimate(np.zeros(2), 0) if step < 3 else fail(ZeroDivisionError("boom")))
     result = run(crashing)
-    assert (crashing.asked, result.division, len(result.estimates)) == (0, "online", 2)
+    assert (crashing.asked, result.revised, len(result.estimates)) == (0, None, 2)
     assert not result.estimates.xy_m.any()
 
 

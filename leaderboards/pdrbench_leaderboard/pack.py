@@ -23,7 +23,7 @@ from pdrbench.evaluation.randomness import check_nonce, new_nonce
 from pdrbench.evaluation.store import write_whole
 from pdrbench.process.budget import SuiteBudget
 from pdrbench.registry import make_task
-from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
+from pdrbench.result import FAILED, ONLINE, UNSUITABLE, Result, of_division
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.card import Card, card_toml
@@ -186,9 +186,11 @@ def make_bundle(
         raise BundleError(
             f"{spec} answers no available environment of {suite.name} ({'; '.join(reasons) or 'none is'})"
         )
-    played = list(itertools.chain.from_iterable(suite_run.results.values()))
-    if OFFLINE in {result.division for result in played} and card.division != OFFLINE:
-        raise BundleError(f"{card.name} revises its past: its card has to say {OFFLINE!r} as its division")
+    by_env = {env: of_division(results, card.division) for env, results in suite_run.results.items()}
+    by_env = {env: results for env, results in by_env.items() if results}
+    if not by_env:
+        raise BundleError(f"{card.name} does not revise its past: its card has to say {ONLINE!r} as its division")
+    played = list(itertools.chain.from_iterable(by_env.values()))
     if all(result.status in (FAILED, UNSUITABLE) for result in played):
         why = next(result.failure for result in played if result.status == FAILED)
         raise BundleError(f"{spec} fails on every walk ({last_line(why)}); try `pdrbench check localizer {spec}`")
@@ -196,7 +198,7 @@ def make_bundle(
     text = card_toml(card)
     source = _source(spec) if with_source else {}
     estimates, records = [], []
-    for env, results in suite_run.results.items():
+    for env, results in by_env.items():
         task = make_task(env)
         whole = [coding.whole_numbers(coding.rounded(result.estimates, task.period_s)) for result in results]
         record = EnvironmentRecord(
@@ -231,7 +233,7 @@ def make_bundle(
         machine=_mapping(first, "machine"),
         isolation=tuple(way for way in map(msgspec.json.decode, sorted(ways)) if way),
         budget=_mapping(first, "budget"),
-        walks={env: tuple(map(walk_run, results)) for env, results in suite_run.results.items()},
+        walks={env: tuple(map(walk_run, results)) for env, results in by_env.items()},
         looks={
             env: LookRecord(package=look["package"], count=look["count"], why=look["why"])
             for env, results in suite_run.results.items()

@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import ResultError
+from pdrbench.evaluation.rows import DRAW_SEED
 from pdrbench.evaluation.scoring import Scored
-from pdrbench.evaluation.tables import DRAW_SEED, Results
+from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import Comparison, compare_pairs, mean_interval

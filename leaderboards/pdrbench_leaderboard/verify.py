@@ -24,7 +24,7 @@ from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.evaluation.protocol import TRIED_WALKS
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
-from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result, of_division
 from pdrbench.task import HELD_OUT
 from pdrbench.trajectory import ESTIMATE_COLUMNS
 from pdrbench_leaderboard import coding
@@ -125,7 +125,7 @@ def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: An
         with suite_budget(terms.results, f"{suite.name} {name}") as budget:
             of_group = evaluate(specs, first.env, suite_budget=budget, **arguments, **options).results
         for spec in specs:
-            of_spec = tuple(result for result in of_group if result.localizer == spec)
+            of_spec = of_division([one for one in of_group if one.localizer == spec], entries[spec].division)
             played[key, spec] = Results(of_spec, secret=arguments.get("secret"))
     found = {}
     for spec, entry in entries.items():

@@ -78,7 +78,8 @@ def compare(
     Walks and seeds are those of the leaderboards. What a run before has stored is not computed again. Exit 1 where a
     localizer fails on every walk.
     """
-    from pdrbench.cli.scoreboard import failures, footnotes, print_scores, score_tables, warnings_of
+    from pdrbench.cli.scoreboard import failures, print_scores
+    from pdrbench.evaluation.wording import score_tables, stacked
 
     with answer_only(as_json):
         nonce = nonce_of(nonce)
@@ -111,18 +112,18 @@ def compare(
             )
         note("scoring")
         rows = results.rows()
-        notes = [*footnotes(results.results), *warnings_of(envs)]
+        notes = results.notes()
         note("drawing")
         files = write_report(results, out)
         if html is not None:
             pictures = [file for file in files if file.suffix == ".png"]
-            files.append(write_text(html, comparison_page(score_tables(rows, results.results), notes, pictures)))
+            files.append(write_text(html, comparison_page(score_tables(rows, stacked), notes, pictures)))
         if latex is not None:
             files.append(write_text(latex, results.to_latex()))
     if as_json:
         print_json({"rows": rows})
     else:
-        print_scores(rows, results.results)
+        print_scores(rows)
     for line in notes:
         note(line)
     if nonce:

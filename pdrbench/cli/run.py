@@ -54,14 +54,8 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run one localizer through one environment; exit 1 where it declines or fails on every walk."""
-    from pdrbench.cli.scoreboard import (
-        failures,
-        footnotes,
-        is_declined,
-        last_line,
-        print_scores,
-        warnings_of,
-    )
+    from pdrbench.cli.scoreboard import failures, is_declined, print_scores
+    from pdrbench.evaluation.wording import last_line
 
     with answer_only(as_json):
         nonce, kind = nonce_of(nonce), isolation_of(isolation, confined=confined)
@@ -91,8 +85,8 @@ def run(
     if as_json:
         print_json({"rows": rows})
     else:
-        print_scores(rows, results.results)
-    for line in [*footnotes(results.results), *warnings_of([env])]:
+        print_scores(rows)
+    for line in results.notes():
         note(line)
     if nonce:
         note(f"run it again with: --nonce {nonce}")

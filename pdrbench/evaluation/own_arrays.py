@@ -20,7 +20,7 @@ from pdrbench.result import UNSUITABLE, Result
 from pdrbench.sensors import sensor_spec
 from pdrbench.sensors.checks import guard, rate_of
 from pdrbench.task import Task
-from pdrbench.trajectory import Start, Trajectory
+from pdrbench.trajectory import Estimates, Start, Trajectory
 
 PERIOD_S: Final = 0.2  # between observations, as the environments with a phone have it
 GUARDED: Final = ("accel", "gyro", "mag")
@@ -32,7 +32,9 @@ class Replayed:
     """What a localizer says of one's own arrays.
 
     Attributes:
-        trajectory: (K, 4) t_s on the clock of the arrays, x_m, y_m, level; empty where it declined.
+        trajectory: (K, 4) t_s on the clock of the arrays, x_m, y_m, level, as answered at that time; empty where it
+            declined.
+        revised: The same once the walk is over; None where the localizer does not revise its answers.
         sigma_m: (K,) standard deviation of each axis as claimed; NaN where nothing is claimed.
         heading_rad: (K,) of travel, counter-clockwise from +x; NaN where not claimed.
         declined: Why it does not play these arrays; empty where it does.
@@ -41,6 +43,7 @@ class Replayed:
     """
 
     trajectory: FloatArray
+    revised: FloatArray | None
     sigma_m: FloatArray
     heading_rad: FloatArray
     declined: str
@@ -95,13 +98,18 @@ def replay(
     result = play(player, Episode(recording, task), np.random.default_rng(seed), name=name, seed=seed)
     is_declined, found = result.status == UNSUITABLE, result.estimates
     return Replayed(
-        trajectory=np.column_stack([found.t_s + begin_s, found.xy_m, found.level]),
+        trajectory=_places(found, begin_s),
+        revised=None if result.revised is None else _places(result.revised, begin_s),
         sigma_m=found.sigma_m,
         heading_rad=found.heading_rad,
         declined=result.failure if is_declined else "",
         failure="" if is_declined else result.failure,
         result=result,
     )
+
+
+def _places(found: Estimates, begin_s: float) -> FloatArray:
+    return np.column_stack([found.t_s + begin_s, found.xy_m, found.level])
 
 
 def _table(name: str, values: Any) -> FloatArray:

@@ -1,7 +1,7 @@
 """Results on disk: one file each, whole or not at all, with a checksum, nothing unpickled.
 
-A file is one line `pdrbench-result 1 <sha256 of the rest>`, one line of JSON, and the columns of the estimates as
-little-endian float64, one after the other.
+A file is one line `pdrbench-result 2 <sha256 of the rest>`, one line of JSON, and the columns of the estimates as
+little-endian float64, one after the other: those that were answered, then those of `revise` where there are any.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,15 +21,16 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray
-from pdrbench.result import ONLINE, Result
+from pdrbench.result import Result
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
-MAGIC: Final = b"pdrbench-result 1 "
+MAGIC: Final = b"pdrbench-result 2 "
 SUFFIX: Final = ".result"
 TEMPORARY_SUFFIX: Final = ".tmp"
-PLAIN: Final = ("env", "split", "walk", "localizer", "seed", "status", "failure")  # fields of a result as they are
+# Fields of a result as they are
+PLAIN: Final = ("env", "split", "walk", "localizer", "seed", "status", "failure", "division")
 COLUMNS: Final = ("t_s", *ESTIMATE_COLUMNS, "step_s")
-ADDED: Final = ("converged",)  # since the first files of this version; NaN where a file lacks them
+REVISED: Final = tuple(f"revised_{name}" for name in ESTIMATE_COLUMNS)
 DIGEST_CHARACTERS: Final = 64
 KEY_CHARACTERS_IN_NAME: Final = 20  # 80 bits
 
@@ -90,14 +91,14 @@ def load(path: Path | str) -> Result:
 def encode(result: Result) -> bytes:
     """The bytes of a result file."""
     estimates = result.estimates
-    columns = np.vstack([estimates.t_s, estimates.columns, result.step_s])
+    revised = [] if result.revised is None else [result.revised.columns]
+    columns = np.vstack([estimates.t_s, estimates.columns, result.step_s, *revised])
     header = {name: getattr(result, name) for name in PLAIN} | {
         "missing": dict(result.missing),
         "reset_s": result.reset_s if math.isfinite(result.reset_s) else None,
-        "division": result.division,
         "revise_s": result.revise_s if math.isfinite(result.revise_s) else None,
         "provenance": dict(result.provenance),
-        "columns": COLUMNS,
+        "columns": [*COLUMNS, *(REVISED if revised else ())],
         "rows": len(estimates),
     }
     body = _to_json(header, f"result of walk {result.walk!r}") + b"\n" + columns.astype("<f8").tobytes()
@@ -117,24 +118,28 @@ def decode(content: bytes, name: str) -> Result:
     columns = _columns(header, raw, name)
     return Result(
         **{name: header[name] for name in PLAIN},
-        estimates=Estimates.from_columns(columns["t_s"], np.stack([columns[name] for name in ESTIMATE_COLUMNS])),
+        estimates=_estimates(columns, ESTIMATE_COLUMNS),
+        revised=_estimates(columns, REVISED) if REVISED[0] in columns else None,
         step_s=columns["step_s"],
         reset_s=math.nan if header["reset_s"] is None else header["reset_s"],
         missing=header["missing"],
         provenance=header["provenance"],
-        division=header.get("division", ONLINE),  # files of before there was another one do not say
-        revise_s=math.nan if header.get("revise_s") is None else header["revise_s"],
+        revise_s=math.nan if header["revise_s"] is None else header["revise_s"],
     )
 
 
 def _columns(header: Mapping[str, Any], raw: bytes, name: str) -> dict[str, FloatArray]:
     names, rows = tuple(header["columns"]), header["rows"]
-    if names not in (COLUMNS, tuple(column for column in COLUMNS if column not in ADDED)):
-        raise ResultError(f"{name}: expected the columns {COLUMNS}, came {names}")
+    if names not in (COLUMNS, COLUMNS + REVISED):
+        raise ResultError(f"{name}: expected the columns {COLUMNS} and those revised, came {names}")
     if len(raw) != len(names) * rows * 8:
         raise ResultError(f"{name}: expected {rows} rows of {len(names)} columns, came {len(raw)} bytes")
     table = np.frombuffer(raw, dtype="<f8").reshape(len(names), rows).astype(np.float64)
-    return {column: np.full(rows, np.nan) for column in ADDED} | dict(zip(names, table, strict=True))
+    return dict(zip(names, table, strict=True))
+
+
+def _estimates(columns: Mapping[str, FloatArray], names: Sequence[str]) -> Estimates:
+    return Estimates.from_columns(columns["t_s"], np.stack([columns[name] for name in names]))
 
 
 def _to_json(value: object, who: str) -> bytes:

@@ -112,7 +112,7 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
 
     revised = None
     if result.division == OFFLINE:
-        revised = play(make(), Episode(recording, task), rng(), name=result.localizer, seed=result.seed).estimates
+        revised = play(make(), Episode(recording, task), rng(), name=result.localizer, seed=result.seed).revised
     stored, agrees = result.estimates.columns, True
     for frame, answer in _frames(make(), Episode(recording, task), rng(), only, revised):
         if agrees and not np.array_equal(answer.columns[:, 0], stored[:, frame.index], equal_nan=True):

@@ -83,13 +83,6 @@ def by_episode(localizer: Localizer, task: Task, recording: Recording) -> Result
     return play(localizer, Episode(recording, task), rng, name="check", seed=SEED, guard=_without_exit)
 
 
-class Online:
-    """A localizer without `revise`: its answers stay as they were given."""
-
-    def __init__(self, inner: Localizer) -> None:
-        self.reset, self.step = inner.reset, inner.step
-
-
 @contextlib.contextmanager
 def _without_exit(call: str) -> Iterator[None]:
     """Makes an exit out of a localizer, such as `sys.exit`, an error like any other."""
@@ -120,3 +113,5 @@ def require_equal(first: Result, second: Result, what: str, until_s: float = mat
         if differs.any():
             row = int(np.argmax(differs))
             raise RefutedError(f"{what}: {name} at {one.t_s[row]:.1f} s is {a[row]} and {b[row]}")
+    if until_s == math.inf and first.revised is not None and second.revised is not None:
+        require_equal(first.offline(), second.offline(), f"{what} (when the walk is over)")

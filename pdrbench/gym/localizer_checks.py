@@ -16,7 +16,6 @@ from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.gym.checking import (
     SEED,
     Check,
-    Online,
     RefutedError,
     by_env,
     by_episode,
@@ -29,7 +28,7 @@ from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.process.watched import Watched
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import environments, make_localizer, make_task
-from pdrbench.result import COMPLETE, OFFLINE, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, UNSUITABLE, Result
 from pdrbench.task import SPLITS, Task
 
 
@@ -99,18 +98,10 @@ class _Trial:
         failure = getattr(player, "failure", "")  # of a process: what was said there
         return dataclasses.replace(result, failure=failure) if failure else result
 
-    def play_online(self, recording: Recording | None = None) -> Result:
-        return self.play(Online(self.made()), recording)
-
     @functools.cached_property
     def plain(self) -> Result:
         """The walk played by a new instance."""
         return self.play()
-
-    @functools.cached_property
-    def online(self) -> Result:
-        """Likewise, with answers as they were given."""
-        return self.play_online() if self.plain.division == OFFLINE else self.plain
 
     @functools.cached_property
     def twice(self) -> tuple[Result, Result]:
@@ -154,7 +145,7 @@ class _Trial:
         if building is not None:
             foreign = sorted(set(result.estimates.level.tolist()) - set(building.levels))
             require(not foreign, f"it answers levels {foreign}; the building has {building.levels}")
-        revision = f", revised in {1e3 * result.revise_s:.3f} ms" if result.division == OFFLINE else ""
+        revision = f", revised in {1e3 * result.revise_s:.3f} ms" if result.revised is not None else ""
         return f"{1e3 * float(np.mean(result.step_s)):.3f} ms a step{revision}"
 
     def repeats(self) -> None:
@@ -175,7 +166,7 @@ class _Trial:
         require_equal(self.plain, spoiled, "arrays of an observation are used after its step; copy what is kept")
 
     def is_causal(self) -> str:
-        """Plays the walk again with another second half; a revised past may know what came later."""
+        """Plays the walk again with another second half."""
         until_s = self.recording.end_s / 2
         streams = {}
         for name, stream in self.recording.streams.items():
@@ -185,12 +176,12 @@ class _Trial:
             streams[name] = SensorStream(stream.spec, rows)
         other = dataclasses.replace(self.recording, streams=streams)
         what = f"two walks that agree up to {until_s:.1f} s are answered differently before"
-        require_equal(self.online, self.play_online(other), what, until_s)
+        require_equal(self.plain, self.play(recording=other), what, until_s)
         return f"agree up to {until_s:.1f} s"
 
     def agrees_with_env(self) -> None:
         driven = by_env(self.made(), self.task, self.recording)
-        require_equal(self.online, driven, "env.step differs from Episode")
+        require_equal(self.plain, driven, "env.step differs from Episode")
 
 
 def _require_methods(made: object) -> None:

@@ -26,7 +26,7 @@ from pdrbench.registry import make_task
 from pdrbench.report.cdf import LocalizerErrors, Styles, draw_cdf
 from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk
-from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
+from pdrbench.result import UNSUITABLE, Result, shown_name
 from pdrbench.task import Task
 
 if TYPE_CHECKING:
@@ -120,12 +120,7 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
         if before["origin"] == origin and before["files"] == _sha256(folder, before["files"]):
             return [folder / name for name in before["files"]]
     named = _as_shown(results.results, options.labels)
-    styles_by_id = styles_of(result.localizer for result in results.results if result.status != UNSUITABLE)
-    styles = {
-        shown.localizer: styles_by_id[result.localizer]
-        for shown, result in zip(named, results.results, strict=True)
-        if result.localizer in styles_by_id
-    }
+    styles = styles_of(result.localizer for result in named if result.status != UNSUITABLE)
     written = _write_tables(results, folder)
     captions: dict[str, str] = {}
     for part in _parts(named, results.scored):
@@ -172,16 +167,15 @@ def _write_tables(results: Results, folder: Path) -> list[Path]:
 
 
 def _as_shown(results: Sequence[Result], labels: Mapping[str, str]) -> list[Result]:
-    """The same results under their labels, with a mark at every localizer that revised answers on any walk."""
-    offline = {result.localizer for result in results if result.division == OFFLINE}
+    """The same results under their labels, with a mark at those that count offline."""
     known = dict.fromkeys(result.localizer for result in results)
     for name in labels:
         if name not in known:
             raise unknown_name("localizer in these results", name, known)
-    names = {name: labels.get(name) or shown_name(name, OFFLINE if name in offline else ONLINE) for name in known}
+    names = {name: labels.get(name) or name for name in known}
     if len(set(names.values())) < len(names):
         raise PdrbenchError("two localizers have the same label; give each its own")
-    return [dataclasses.replace(r, localizer=names[r.localizer]) for r in results]
+    return [dataclasses.replace(r, localizer=shown_name(names[r.localizer], r.division)) for r in results]
 
 
 def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[SplitResults]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pdrbench import evaluation, report
+from pdrbench.evaluation.wording import footnotes
 from pdrbench.registry import environments, localizers
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates
@@ -25,8 +26,16 @@ class FakeResults:
     results: tuple[Result, ...]
 
     def rows(self) -> list[dict[str, Any]]:
-        rest = {"division": "online", "walks": 1, "units": 1, "unit_kind": "building", "metrics": {"mean_m": SCORE}}
-        return [{"env": r.env, "localizer": r.localizer, "split": r.split, **rest} for r in self.results]
+        about = {"division": "online", "of": 1, "rank": [1, 1], "units": 1, "unit_kind": "building", "note": ""}
+        return [
+            {"env": r.env, "localizer": r.localizer, "split": r.split, "walks": int(r.status != "unsuitable")}
+            | about
+            | {"metrics": {"mean_m": SCORE}}
+            for r in self.results
+        ]
+
+    def notes(self) -> list[str]:
+        return footnotes(self.rows(), self.results)
 
     def to_latex(self) -> str:
         return "\\begin{tabular}"
@@ -179,8 +188,11 @@ def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
                 "division": "online",
                 "split": "test",
                 "walks": 1,
+                "of": 1,
+                "rank": [1, 1],
                 "units": 1,
                 "unit_kind": "building",
+                "note": "",
                 "metrics": {"mean_m": {"value": 2.5, "unit": "m", "low": None, "high": None, "n": 1}},
             }
         ]
@@ -191,7 +203,7 @@ def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
 def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
     outcome = command("compare", "--env", "OfficeStride-v2", "--latex", "t.tex", "--html", "t.html")
     assert "wrote 3 files:" in outcome.err
-    assert "OfficeStride-v2, test split, 1 walks" in (tmp_path / "t.html").read_text()
+    assert "OfficeStride-v2, test split, 1 walk;" in (tmp_path / "t.html").read_text()
     assert "pdrbench-results/table.md" in outcome.err and (tmp_path / "pdrbench-results/table.md").exists()
     assert (tmp_path / "t.tex").read_text() == "\\begin{tabular}"
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pdrbench.cli import scoreboard
+from pdrbench.evaluation.wording import SHOWN, footnotes, incidents, score_tables, stacked
 from pdrbench.report import comparison_page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates
@@ -29,56 +30,58 @@ def row(localizer: str, **values: float) -> dict[str, Any]:
         "division": "online",
         "split": "test",
         "walks": 6,
+        "of": 6,
+        "rank": [1, 2],
         "units": 6,
         "unit_kind": "building",
+        "note": "",
         "metrics": metrics,
     }
 
 
 def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
-        row("far-v0", mean_m=20.5, p75_level_penalised_m=30.25),
-        row("none-v0"),
-        row("near-v0", mean_m=2.0, p75_level_penalised_m=3.0),
+        row("far", mean_m=20.5, p75_geometric_m=30.25),
+        {**row("none"), "rank": None},
+        row("near", mean_m=2.0, p75_geometric_m=3.0),
     ]
-    scoreboard.print_scores(rows, [result(r["localizer"]) for r in rows])
+    scoreboard.print_scores(rows)
     out = capsys.readouterr().out
     assert "E-v0, test split, 6 walks; 95 % intervals by the spread of 6 buildings" in out
-    assert out.index("near-v0") < out.index("far-v0") < out.index("none-v0")
+    assert out.index("near") < out.index("far") < out.index("none")
     assert "20.50" in out and "19.50–21.50" in out and "–" in out
 
 
-def test_a_difference_of_too_few_units_has_no_p() -> None:
-    best, other = row("a-v0", mean_m=1.0), row("b-v0", mean_m=2.0)
-    best["behind"] = {"best": "a-v0"}
-    for low, p in ((None, "–"), (0.5, "0.031")):
-        ends = {"low": low, "high": None if low is None else 1.5}
-        other["behind"] = {"best": "a-v0", "value": 1.0, "n": 6, "p_holm": 0.03125, **ends}
-        ((_, names, cells),) = scoreboard.score_tables([best, other], [])
-        place = names.index("behind_best_m")
-        assert cells[0][place : place + 2] == ["best", "–"]
-        assert cells[1][place + 1] == p
+def test_ranks_and_p_values_are_shown_where_two_are_compared() -> None:
+    best, other = row("a", p75_geometric_m=1.0, ratio_to_best=1.0), row("b", p75_geometric_m=2.0, ratio_to_best=2.0)
+    ((_, names, _),) = score_tables([best], stacked)
+    assert not {"rank", "p_holm", "ratio_to_best"} & set(names)
+    other["metrics"]["p_holm"] = {"value": 0.03125, "unit": "", "low": None, "high": None, "n": 6}
+    ((_, names, cells),) = score_tables([other, best], stacked)
+    assert [line[names.index("p_holm")] for line in cells] == ["–", "0.031"]
+    assert [line[names.index("rank")] for line in cells] == ["1–2", "1–2"]
+    assert "p_holm: sign-flip test" in footnotes([best, other], [])[1]
 
 
 def test_columns_that_do_not_apply_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [row("a-v0", mean_m=2.0, energy_score_m=1.5, convergence_s=9.0), row("b-v0", mean_m=3.0)]
-    assert scoreboard.score_tables(rows, [])[0][1][-1] == "energy_score_m", "the start is known: nothing converges"
+    rows = [row("a", mean_m=2.0, energy_score_m=1.5, convergence_s=9.0), row("b", mean_m=3.0)]
+    assert score_tables(rows, stacked)[0][1][-1] == "energy_score_m", "the start is known: nothing converges"
     never = {"value": None, "unit": "s", "low": 12.0, "high": None, "n": 6}
     lost = [{**one, "start": "unknown"} for one in rows]
     lost[1]["metrics"]["convergence_s"] = never
-    scoreboard.print_scores(lost, [])
+    scoreboard.print_scores(lost)
     out = capsys.readouterr().out
     assert "convergence" in out and "never" in out and "12.00–never" in out
     assert "coverage_95" not in out
 
 
 def test_a_localizer_that_declines_every_walk_stands_in_a_footnote_only(capsys: pytest.CaptureFixture[str]) -> None:
-    declined = [result("lost-v0", w, status="unsuitable", failure="needs a radio map") for w in ("w0", "w1")]
-    results = [*declined, result("near-v0")]
-    scoreboard.print_scores([row("lost-v0"), row("near-v0")], results)
+    declined = [result("lost", w, status="unsuitable", failure="needs a radio map") for w in ("w0", "w1")]
+    results = [*declined, result("near")]
+    scoreboard.print_scores([{**row("lost"), "walks": 0}, row("near")])
     out = capsys.readouterr().out
-    assert "near-v0" in out and "lost-v0" not in out
-    assert scoreboard.footnotes(results) == ["lost-v0 on E-v0: not applicable: needs a radio map"]
+    assert "near" in out and "lost" not in out
+    assert incidents(results) == ["lost on E-v0: not applicable: needs a radio map"]
     assert scoreboard.is_declined(declined) and not scoreboard.is_declined(results)
 
 
@@ -89,7 +92,7 @@ def test_failures_and_missing_answers_are_counted() -> None:
         result("a-v0", "w1", status="failed", failure=trace, missing={"nan": 1, "type": 4}),
         result("b-v0", "w0"),
     ]
-    assert scoreboard.footnotes(results) == [
+    assert incidents(results) == [
         "a-v0 on E-v0: failed on 1 of 2 walks, scored with what was answered before; first on walk w1: "
         "ValueError: no step",
         "a-v0 on E-v0: answers that count as missing: 3 × nan, 4 × type",
@@ -99,30 +102,31 @@ def test_failures_and_missing_answers_are_counted() -> None:
     assert scoreboard.failures(results, strict=True) == ["failed: a-v0 on 1 of 2 walks of E-v0"]
 
 
-def test_localizers_that_saw_the_whole_walk_are_marked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_revised_stands_below_and_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
-        {**row("smooth-v0", mean_m=1.0), "division": "offline"},
-        {**row("near-v0", mean_m=2.0), "division": "online"},
+        {**row("smooth", p75_geometric_m=1.0), "division": "offline"},
+        row("smooth", p75_geometric_m=3.0),
+        row("near", p75_geometric_m=2.0),
     ]
-    revised = [result("smooth-v0", walk, division="offline", revise_s=s) for walk, s in (("w0", 0.1), ("w1", 0.3))]
-    scoreboard.print_scores(rows, [*revised, result("near-v0")])
+    revised = [result("smooth", walk, division="offline", revise_s=s) for walk, s in (("w0", 0.1), ("w1", 0.3))]
+    scoreboard.print_scores(rows)
     out = capsys.readouterr().out
-    assert "smooth-v0 (offline)" in out and "near-v0 (" not in out
-    assert scoreboard.footnotes([*revised, result("near-v0")]) == [
-        "smooth-v0 on E-v0: offline: answers were revised when the walk was over, in 0.2 s a walk"
+    assert out.index("near") < out.index("smooth") < out.index("smooth (offline)") and "near (" not in out
+    assert incidents([*revised, result("near")]) == [
+        "smooth on E-v0: offline: answers were revised when the walk was over, in 0.2 s a walk"
     ]
 
 
 def test_names_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
-    scoreboard.print_scores([row("my[red].py:Mine", mean_m=1.0)], [result("my[red].py:Mine")])
-    assert "my[red].py:Mine" in capsys.readouterr().out
+    scoreboard.print_scores([row("my[red].py:Mine?x=1", mean_m=1.0)])
+    assert "my[red].py:Mine?x=1" in capsys.readouterr().out
 
 
 def test_a_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
     (tmp_path / "cdf.png").write_bytes(b"\x89PNG")
-    tables = scoreboard.score_tables([row("<b>-v0", mean_m=2.0)], [result("<b>-v0")])
+    tables = score_tables([row("<b>", mean_m=2.0)], stacked)
     text = comparison_page(tables, ["a < b"], [tmp_path / "cdf.png"])
-    assert "&lt;b&gt;-v0" in text and "a &lt; b" in text and "<b>" not in text
+    assert "&lt;b&gt;" in text and "a &lt; b" in text and "<b>" not in text
     assert "2.00\n1.00–3.00" in text and "E-v0, test split, 6 walks" in text
     assert "data:image/png;base64,iVBORw==" in text
     assert not re.search(r"https?://|<script|<link", text)
@@ -133,17 +137,12 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
     width: int, left_out: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    score = {"value": 12.345, "low": 10.111, "high": 14.999}
-    row = {
-        "env": "E-v0", "localizer": "dead_reckoning-v0", "division": "online", "split": "test", "walks": 9,
-        "units": 9, "unit_kind": "building",
-        "metrics": dict.fromkeys(scoreboard.COLUMNS, score),
-    }  # fmt: skip
-    scoreboard.print_scores([row], [])
+    names = [name for name in SHOWN if name not in ("rank", "p_holm", "ratio_to_best")]
+    one = row("dead_reckoning", **dict.fromkeys(names, 12.345))
+    scoreboard.print_scores([one])
     captured = capsys.readouterr()
-    shown = captured.out.count("10.11–15.00")
-    assert shown == captured.out.count("12.35") + captured.out.count("12.34") >= 2
-    assert "dead_reckoning-v0" in captured.out and "p75_level" in captured.out
+    shown = captured.out.count("11.34–13.34") + captured.out.count("11.35–13.35")
+    assert shown >= 2 and "dead_reckoning" in captured.out and "p75_geo" in captured.out
     assert all(len(line.rstrip()) <= width for line in captured.out.splitlines())
-    assert (shown == len(scoreboard.COLUMNS) - 2) == (not left_out)
+    assert (shown == len(names)) == (not left_out)
     assert all(name in captured.err for name in left_out)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 import textwrap
 from pathlib import Path
@@ -14,7 +13,7 @@ import pytest
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, retrace
 from pdrbench.process import Budget
-from pdrbench.result import Result
+from pdrbench.result import Result, by_division, of_division
 
 NUM_ANSWERS = 13  # of a walk along the corridor, a second apart; a stride at each but the first
 TOY = """
@@ -108,33 +107,49 @@ def stride_m(result: Result) -> float:
     return float(make_task("Corridor-v0").load(result.walk).streams["stride"].rows[0, 1])
 
 
-def test_the_revised_past_is_what_is_scored(toy: Path) -> None:
-    online, offline, beside = (
+def test_a_run_is_scored_as_it_was_answered_and_as_it_was_revised(toy: Path) -> None:
+    plain, smooth, beside = (
         play(toy, "Plain"),
         play(toy, "Smooth"),
         play(toy, "Smooth", shift_m=[3.0, 4.0]),
     )
-    assert online.scored[0].scores["mean_m"] == pytest.approx(6.5 * stride_m(online.results[0]))
-    assert offline.scored[0].errors_m == pytest.approx(np.zeros(12), abs=1e-9)
-    assert beside.scored[0].errors_m == pytest.approx(np.full(12, 5.0))
-    assert (online.results[0].division, offline.results[0].division) == ("online", "offline")
-    assert np.isnan(online.results[0].revise_s) and offline.results[0].revise_s > 0
+    online_m = pytest.approx(6.5 * stride_m(plain.results[0]))
+    assert [scored.scores["mean_m"] for scored in plain.scored] == [online_m]
+    assert [result.division for result in smooth.results] == ["online", "offline"]
+    assert smooth.scored[0].scores["mean_m"] == beside.scored[0].scores["mean_m"] == online_m
+    assert smooth.scored[1].errors_m == pytest.approx(np.zeros(12), abs=1e-9)
+    assert beside.scored[1].errors_m == pytest.approx(np.full(12, 5.0))
+    assert np.isnan(plain.results[0].revise_s) and smooth.results[0].revise_s > 0
+    assert plain.results[0].revised is None and smooth.results[0].estimates.xy_m.max() == 0.0
 
 
 def test_answers_before_the_first_revised_row_stay(toy: Path) -> None:
     found = play(toy, "Smooth", from_s=5.0)
-    estimates, stride = found.results[0].estimates, stride_m(found.results[0])
-    assert found.results[0].division == "offline"
+    estimates, stride = found.results[0].revised, stride_m(found.results[0])
+    assert estimates is not None
     assert estimates.xy_m[:, 0] == pytest.approx([0.0] * 5 + [k * stride for k in range(5, NUM_ANSWERS)])
     np.testing.assert_array_equal(estimates.sigma_m, [7.0] * 5 + [np.nan] * 8)
     np.testing.assert_array_equal(estimates.heading_rad, [0.25] * 5 + [np.nan] * 8)
     np.testing.assert_array_equal(estimates.converged, [1.0] * 5 + [np.nan] * 8)
 
 
-def test_an_answer_that_was_missing_is_no_longer(toy: Path) -> None:
-    result = play(toy, "Silent", from_s=5.0).results[0]
-    assert result.missing == {"nothing": 5}
-    assert result.estimates.given.tolist() == [False] * 5 + [True] * 8
+def test_an_answer_that_was_missing_is_no_longer_offline(toy: Path) -> None:
+    online, offline = play(toy, "Silent", from_s=5.0).results
+    assert (online.missing, offline.missing) == ({"nothing": NUM_ANSWERS}, {"not given": 5})
+    assert offline.estimates.given.tolist() == [False] * 5 + [True] * 8
+
+
+def test_walks_that_are_not_revised_count_offline_as_they_were_answered(toy: Path) -> None:
+    """Where a localizer revises any walk of an environment."""
+    revised, plain = play(toy, "Smooth").results[0], play(toy, "Plain").results[0]
+    other = dataclasses.replace(plain, localizer=revised.localizer, walk="test-001")
+    alone = by_division([plain, revised, other])
+    assert [(result.walk[-1], result.division) for result in alone] == [
+        *((walk, "online") for walk in "001"),
+        *((walk, "offline") for walk in "01"),
+    ]
+    assert alone[-1].estimates is other.estimates
+    assert of_division([plain, revised], "offline")[0].revised is None
 
 
 @pytest.mark.parametrize(
@@ -167,31 +182,33 @@ def test_a_past_that_cannot_be_taken_is_a_failed_walk_scored_online(toy: Path, h
     assert np.flatnonzero(result.estimates.xy_m).size == 0
     assert found.scored[0].scores["mean_m"] == pytest.approx(6.5 * stride_m(result))
     assert re.search(words, result.failure), result.failure
-    assert "1 runs failed" in found.table() and "offline" not in found.table()
+    assert "failed on 1 of 1 walks" in found.table() and "offline" not in found.table()
 
 
 @pytest.mark.parametrize("how", ["nothing at all", "no rows"])
 def test_a_localizer_that_revises_nothing_is_online(toy: Path, how: str) -> None:
-    result = play(toy, "Breaks", how=how).results[0]
+    (result,) = play(toy, "Breaks", how=how).results
     assert (result.status, result.division) == ("complete", "online")
 
 
-def test_tables_mark_localizers_that_saw_the_whole_walk(toy: Path) -> None:
+def test_tables_have_a_row_for_each_division(toy: Path) -> None:
     found = evaluate([f"{toy}:Plain", f"{toy}:Smooth"], "Corridor-v0", walks=2, isolation="none", seeds=1)
-    plain, smooth = found.rows()
-    assert (plain["division"], plain["revise_s"], smooth["division"]) == ("online", None, "offline")
+    rows = found.rows()
+    names = [(row["localizer"].partition(":")[2], row["division"]) for row in rows]
+    assert names == [("Plain", "online"), ("Smooth", "online"), ("Smooth", "offline")]
     times_s = [result.revise_s for result in found.results if result.division == "offline"]
-    assert smooth["revise_s"] == pytest.approx(np.mean(times_s))
-    assert smooth["localizer"] == f"{toy}:Smooth"
+    assert rows[2]["revise_s"] == pytest.approx(np.mean(times_s)) and rows[1]["revise_s"] is None
+    assert [row["rank"] for row in rows] == [[1, 2], [1, 2], [1, 1]], "ranks are of a division"
     for text in (found.table(), found.to_markdown(), found.to_latex().replace(r"\_", "_")):
         assert f"{toy}:Smooth (offline)" in text and f"{toy}:Plain (offline)" not in text
         assert "offline: answers were revised when the walk was over, in " in text
-    assert {row["division"] for row in json.loads(found.to_json())["rows"]} == {"online", "offline"}
-    assert found.walks()["division"].tolist() == ["online", "offline"] * 2
-    assert found.frame().groupby("localizer")["division"].unique().map(list).to_dict() == {
-        f"{toy}:Plain": ["online"],
-        f"{toy}:Smooth": ["offline"],
+    assert found.walks()["division"].tolist() == ["online"] * 4 + ["offline"] * 2
+    assert set(found.frame().groupby(["localizer", "division"]).size().index) == {
+        (f"{toy}:Plain", "online"),
+        (f"{toy}:Smooth", "online"),
+        (f"{toy}:Smooth", "offline"),
     }
+    assert len(found.pairs("mean_m")) == 1, "pairs are of a division"
 
 
 def test_a_sweep_resumes_and_a_folder_is_read_back(toy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,13 +219,13 @@ def test_a_sweep_resumes_and_a_folder_is_read_back(toy: Path, tmp_path: Path, mo
 
     first, both = sweep(1), sweep(2)
     assert (tmp_path / "walks").read_text().splitlines() == ["walk"] * 2, "the first walk is not computed again"
-    assert [result.division for result in both.results] == ["offline"] * 2
+    assert [result.division for result in both.results] == ["online"] * 2 + ["offline"] * 2
     assert both.results[0].revise_s == first.results[0].revise_s
     assert load_results(tmp_path / "out").walks().equals(both.walks())
 
 
 def test_a_replay_shows_the_revised_past_and_compares_it_with_the_stored_one(toy: Path) -> None:
-    result = play(toy, "Smooth", from_s=5.0).results[0]
+    result = play(toy, "Smooth", from_s=5.0).results[1]
     frames = list(retrace(result, only=range(3, 8)))
     shown = [frame.estimate.xy_m.tolist() for frame in frames if frame.estimate is not None]
     assert shown == result.estimates.xy_m[3:8].tolist()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import math
 from pathlib import Path
 
@@ -13,7 +11,7 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import store
-from pdrbench.result import FAILED, OFFLINE, ONLINE, Result
+from pdrbench.result import FAILED, OFFLINE, Result
 from pdrbench.trajectory import Estimates
 
 
@@ -77,21 +75,13 @@ def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> 
     assert_same(store.load(tmp_path / "a.result"), empty)
 
 
-@pytest.mark.parametrize("lacking", [("converged",), ("division", "revise_s")])
-def test_a_file_of_an_older_version_still_loads(result: Result, lacking: tuple[str, ...]) -> None:
-    """From before a localizer could claim convergence, or revise its answers."""
-    line, columns = store.encode(result).split(b"\n", 2)[1:]
-    rows = dict(zip(store.COLUMNS, np.frombuffer(columns).reshape(len(store.COLUMNS), 5), strict=True))
-    names = [name for name in store.COLUMNS if name not in lacking]
-    header = {name: value for name, value in json.loads(line).items() if name not in lacking} | {"columns": names}
-    body = json.dumps(header).encode() + b"\n" + b"".join(rows[name].tobytes() for name in names)
-    content = store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
-    if lacking == ("converged",):
-        unclaimed = dataclasses.replace(result.estimates, converged=np.full(5, np.nan))
-        expected = dataclasses.replace(result, estimates=unclaimed)
-    else:
-        expected = dataclasses.replace(result, division=ONLINE, revise_s=math.nan)
-    assert_same(store.decode(content, "old"), expected)
+def test_revised_estimates_are_kept_beside_the_answers(result: Result) -> None:
+    moved = dataclasses.replace(result.estimates, xy_m=result.estimates.xy_m + 1.0)
+    both = dataclasses.replace(result, revised=moved)
+    found = store.decode(store.encode(both), "x")
+    assert_same(dataclasses.replace(found, revised=None), result)
+    assert found.revised is not None and store.decode(store.encode(result), "x").revised is None
+    np.testing.assert_array_equal(found.revised.columns, moved.columns)
 
 
 def test_there_are_two_divisions(result: Result) -> None:

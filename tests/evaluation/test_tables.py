@@ -32,12 +32,13 @@ def test_one_row_for_each_localizer_in_the_agreed_shape(results: Results, locali
     rows = results.rows()
     assert [row["localizer"] for row in rows] == [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
     for row in rows[:2]:
-        assert {"env", "localizer", "split", "walks", "metrics"} <= set(row)
+        assert {"env", "localizer", "division", "split", "walks", "of", "rank", "metrics"} <= set(row)
         assert (row["env"], row["split"], row["walks"], row["failed"], row["unsuitable"]) == (
             *("Corridor-v0", "test"),
             *(6, 0, 0),
         )
-        assert set(row["metrics"]) == set(METRICS) | set(POOLED)
+        ranking = {"p75_geometric_m", "ratio_to_best", "p_holm"}
+        assert set(row["metrics"]) - ranking == set(METRICS) | set(POOLED)
         assert all(set(entry) == {"value", "unit", "low", "high", "n"} for entry in row["metrics"].values())
     assert rows[2]["metrics"] == {}
     assert rows[2]["unsuitable"] == 12
@@ -66,16 +67,6 @@ def test_pooled_values_are_over_positions(results: Results) -> None:
         assert metrics["pooled_mean_m"][end] == pytest.approx(metrics["mean_m"][end])
 
 
-def test_spread_over_seeds_is_reported_by_itself(results: Results, localizer: Spec) -> None:
-    frame = results.walks()
-    one = frame[frame.localizer == frame.localizer[0]]
-    spread = results.rows()[0]["spread"]["mean_m"]
-    assert spread["over_seeds"] == pytest.approx(one.groupby("seed")["mean_m"].mean().std(ddof=1))
-    assert spread["over_walks"] == pytest.approx(one.groupby("walk")["mean_m"].mean().std(ddof=1))
-    single = evaluate(localizer("Noisy"), "Corridor-v0", walks=2, isolation="none", seeds=1)
-    assert "spread" not in single.rows()[0]
-
-
 def test_json_has_null_for_values_that_do_not_apply(results: Results, tmp_path: Path) -> None:
     text = results.to_json(tmp_path / "rows.json")
     assert (tmp_path / "rows.json").read_text() == text
@@ -99,13 +90,13 @@ def test_tables_hold_the_same_numbers(results: Results, localizer: Spec, tmp_pat
     cell = f"{value['value']:.2f} [{value['low']:.2f}, {value['high']:.2f}]"
     for text in (results.table(), results.to_markdown(), results.to_latex()):
         assert cell in text
-        assert "1 localizer declined every walk" in text and localizer("Oracle") not in text
-    assert r"Corridor-v0 & test" in results.to_latex()
+        assert f"{localizer('Oracle')} on Corridor-v0: not applicable: " in text
+    assert r"% Corridor-v0, test split" in results.to_latex()
     assert r"mean\_m" in results.to_latex()
     lines = results.to_csv(tmp_path / "t.csv").splitlines()
-    assert lines[0] == "env,localizer,split,walks,stratum,metric,value,unit,low,high,n,division"
+    assert lines[0] == "env,localizer,division,split,walks,stratum,metric,value,unit,low,high,n"
     assert (tmp_path / "t.csv").read_text().splitlines() == lines
-    assert len(lines) == 1 + 2 * (len(METRICS) + len(POOLED))
+    assert len(lines) == 1 + 2 * (len(METRICS) + len(POOLED)) + 5, "and what ranks them"
 
 
 def test_markdown_lines_have_as_many_cells_as_the_header(results: Results) -> None:
@@ -114,17 +105,27 @@ def test_markdown_lines_have_as_many_cells_as_the_header(results: Results) -> No
     assert len({line.count("|") for line in table}) == 1
 
 
-def test_rows_say_how_far_behind_the_best_on_the_same_walks(results: Results, localizer: Spec) -> None:
+def test_ranks_are_by_ratios_on_the_same_walks(results: Results, localizer: Spec) -> None:
     noisy, worse, oracle = (localizer(name) for name in ("Noisy", "Worse", "Oracle"))
-    behind = {row["localizer"]: row["behind"] for row in results.rows()}
-    assert behind[noisy] == {"best": noisy} and behind[oracle] is None
-    pair = results.pairs("p75_level_penalised_m").set_index(["first", "second"]).loc[noisy, worse]
-    assert behind[worse]["best"] == noisy and behind[worse]["n"] == pair.num_walks
-    assert behind[worse]["value"] == pytest.approx(-pair.effect) and behind[worse]["value"] > 0
-    assert [behind[worse]["low"], behind[worse]["high"]] == pytest.approx([-pair.high, -pair.low])
-    assert behind[worse]["p_holm"] == pytest.approx(pair.p_holm)
-    lines = [line for line in results.to_markdown().splitlines() if line.startswith("| Corridor")]
-    assert [line.count("| best |") for line in lines] == [1, 0]
+    rows = {row["localizer"]: row for row in results.rows()}
+    walks = results.walks().assign(log=lambda frame: np.log(frame["p75_level_penalised_m"]))
+    by_walk = walks.pivot(index=["walk", "seed"], columns="localizer", values="log").groupby("walk").mean()
+    for name in (noisy, worse):
+        value = rows[name]["metrics"]["p75_geometric_m"]
+        assert value["value"] == pytest.approx(np.exp(by_walk[name].mean()))
+        assert value["low"] < value["value"] < value["high"] and value["n"] == 6
+    ratio = rows[worse]["metrics"]["ratio_to_best"]
+    assert ratio["value"] == pytest.approx(np.exp((by_walk[worse] - by_walk[noisy]).mean()))
+    assert 1 < ratio["low"] < ratio["value"] < ratio["high"]
+    assert rows[worse]["metrics"]["p_holm"]["value"] == pytest.approx(2 / 2**6), "all six differences have one sign"
+    assert rows[noisy]["metrics"]["ratio_to_best"]["value"] == 1.0 and "p_holm" not in rows[noisy]["metrics"]
+    assert (rows[noisy]["rank"], rows[worse]["rank"], rows[oracle]["rank"]) == ([1, 1], [2, 2], None)
+    assert (rows[oracle]["walks"], rows[oracle]["of"]) == (0, 6)
+
+
+def test_what_chance_explains_has_the_same_rank(localizer: Spec) -> None:
+    few = evaluate([localizer("Noisy"), localizer("Worse")], "Corridor-v0", walks=4, isolation="none", seeds=1)
+    assert [row["rank"] for row in few.rows()] == [[1, 2], [1, 2]], "four walks give no p-value below 0.125"
 
 
 def test_pairs_compare_on_the_same_walks(results: Results, localizer: Spec) -> None:
@@ -165,7 +166,6 @@ def test_missing_convergence_is_neither_left_out_nor_averaged(localizer: Spec) -
     assert "never" in often.table() and "never" in often.to_markdown()
     frame = often.frame().set_index("metric")
     assert frame["value"]["convergence_s"] == frame["high"]["convergence_s"] == never
-    assert "convergence_s" not in (often.rows()[0].get("spread") or {})
     seldom = scored_anew(results, "convergence_s", [5.0, never, 7.0, 9.0, 8.0, math.nan])
     entry = seldom.rows()[0]["metrics"]["convergence_s"]
     assert (entry["value"], entry["n"]) == (8.0, 5)
@@ -179,7 +179,7 @@ def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(
     task = make_task("Corridor-v0")
     groups = {walk: "seen floor" if number < 4 else "unseen floor" for number, walk in enumerate(task.walks["test"])}
     grouped = replace(task, groups=groups)
-    monkeypatch.setattr("pdrbench.evaluation.tables.make_task", lambda *_: grouped)
+    monkeypatch.setattr("pdrbench.evaluation.rows.make_task", lambda *_: grouped)
     anew = Results(results.results)
     scan_m = np.array([0.0, 2.9, 3.0, 9.0, 10.0, math.inf, *[math.nan] * 6])  # of the twelve places of each walk
     anew.__dict__["scored"] = tuple(replace(s, scan_m=scan_m[: len(s.errors_m)]) for s in results.scored)
@@ -320,4 +320,4 @@ def test_failed_walks_are_counted_and_scored(localizer: Spec) -> None:
     row = results.rows()[0]
     assert (row["failed"], row["metrics"]["mean_m"]["n"]) == (5, 5)
     assert not math.isnan(row["metrics"]["mean_m"]["value"])
-    assert "5 runs failed" in results.table()
+    assert "failed on 5 of 5 walks" in results.table()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -56,6 +57,7 @@ def try_(
     with answer_only(as_json):
         from pdrbench.cli.ready import ready_localizers
         from pdrbench.evaluation import Results, evaluate
+        from pdrbench.result import shown_name
         from pdrbench_formats.taskfile import walks_of_file
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
         from pdrbench_formats.taskfile.suitable import declined_results
@@ -82,8 +84,9 @@ def try_(
             )
         is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.facts)
         rows = results.rows() if is_scored and played else []
-        written = _write(walks, results.results, _errors(rows), out)
-    _print(walks, results.results, declined, rows, written, out, as_json=as_json)
+        named = [replace(one, localizer=shown_name(one.localizer, one.division)) for one in results.results]
+        written = _write(walks, named, _errors(rows), out)
+    _print(walks, named, declined, rows, written, out, as_json=as_json)
 
 
 def _start(text: str | None) -> tuple[float, float, int] | None:
@@ -106,7 +109,9 @@ def _findings(walks: Walks) -> list[str]:
 
 def _errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Mean error by localizer; NaN where there is none."""
-    scores = {row["localizer"]: row["metrics"].get(SCORE) for row in rows}
+    from pdrbench.result import shown_name
+
+    scores = {shown_name(row["localizer"], row["division"]): row["metrics"].get(SCORE) for row in rows}
     values = {name: None if score is None else score["value"] for name, score in scores.items()}
     return {name: math.nan if value is None else float(value) for name, value in values.items()}
 
@@ -146,7 +151,8 @@ def _print(
     *,
     as_json: bool,
 ) -> None:
-    from pdrbench.cli.scoreboard import footnotes, print_scores
+    from pdrbench.cli.scoreboard import print_scores
+    from pdrbench.evaluation.wording import incidents
     from pdrbench.result import FAILED, UNSUITABLE
     from pdrbench_formats.pages.tried import path_rows
 
@@ -168,14 +174,14 @@ def _print(
         )
         return
     if rows:
-        print_scores(rows, results)
+        print_scores(rows)
     elif paths:
         head: dict[str, Mapping[str, Any]] = {name: {"justify": "right", "no_wrap": True} for name in paths[0]}
         cells = [
             [f"{round(v, 1) + 0.0:.1f}" if isinstance(v, float) else str(v) for v in row.values()] for row in paths
         ]
         print_table(head, cells, title="no places to score against: lengths and ends of the paths")
-    for line in footnotes([result for result in results if result.status != UNSUITABLE]):
+    for line in incidents([result for result in results if result.status != UNSUITABLE]):
         note(line)
     for reason, names in _by_reason((*results, *declined)).items():
         note(f"not played, {reason}: {', '.join(names)}")
