@@ -4,22 +4,13 @@ The tables hold strings only, so that nothing is imported early.
 """
 
 LOCALIZERS = {
+    "foot_ins": "pdrbench_baselines.foot_ins.localizer:FootIns",
+    "foot_ins_robust": "pdrbench_baselines.foot_ins.localizer:FootInsRobust",
     "fusion": "pdrbench_baselines.fusion.localizer:Fusion",
     "learned": "pdrbench_baselines.learned.localizer:Learned",
     "learned_map": "pdrbench_baselines.learned.localizer:LearnedMap",
     "viterbi_map": "pdrbench_baselines.viterbi_map.localizer:ViterbiMap",
     "dead_reckoning-v0": "pdrbench_baselines.dead_reckoning:DeadReckoning",
-    "foot_ins-v0": "pdrbench_baselines.foot_ins.localizer:literal",
-    "foot_ins_adaptive-v0": "pdrbench_baselines.foot_ins.localizer:adaptive",
-    "foot_ins_adaptive-v1": "pdrbench_baselines.foot_ins.localizer:robust",
-    "foot_ins_adaptive-v2": "pdrbench_baselines.foot_ins.localizer:reweighted",
-    "foot_ins_are-v0": "pdrbench_baselines.foot_ins.localizer:angular_rate",
-    "foot_ins_interval-v0": "pdrbench_baselines.foot_ins.localizer:interval",
-    "foot_ins_mag-v0": "pdrbench_baselines.foot_ins.localizer:magnitude",
-    "foot_ins_mv-v0": "pdrbench_baselines.foot_ins.localizer:moving_variance",
-    "foot_ins_smooth-v0": "pdrbench_baselines.foot_ins.localizer:smoothed",
-    "foot_ins_smooth-v1": "pdrbench_baselines.foot_ins.localizer:robust_smoothed",
-    "foot_ins_smooth-v2": "pdrbench_baselines.foot_ins.localizer:reweighted_smoothed",
     "frank2009-v0": "pdrbench_baselines.frank2009.localizer:Frank2009",
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
     "gp_wifi-v0": "pdrbench_baselines.gp_wifi.localizer:GpWifi",
@@ -45,6 +36,12 @@ LOCALIZERS = {
 }
 
 LOCALIZERS |= {  # former ids
+    "foot_ins_adaptive": "renamed:foot_ins_robust",
+    "foot_ins_are": "renamed:foot_ins?detector=are",
+    "foot_ins_interval": "renamed:foot_ins?detector=interval",
+    "foot_ins_mag": "renamed:foot_ins?detector=mag",
+    "foot_ins_mv": "renamed:foot_ins?detector=mv",
+    "foot_ins_smooth": "renamed:foot_ins_robust",
     "fusion_smooth": "renamed:fusion",
     "learned_map_smooth": "renamed:learned_map",
     "viterbi_map_smooth": "renamed:viterbi_map",

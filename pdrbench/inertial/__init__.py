@@ -8,16 +8,7 @@ from __future__ import annotations
 
 from pdrbench.inertial.adaptive_steps import AdaptiveStepParams, find_adaptive_steps
 from pdrbench.inertial.checks import check_units, clean_rows
-from pdrbench.inertial.foot_filter import (
-    ADAPTIVE,
-    LITERAL,
-    REWEIGHTED,
-    ROBUST,
-    FootFilter,
-    FootParams,
-    FootStates,
-    concatenate,
-)
+from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, concatenate
 from pdrbench.inertial.magnetometer import FieldParams, level_field_ut
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
@@ -25,20 +16,16 @@ from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, multiply, phone_heading_rad, to_world
 from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
 from pdrbench.inertial.steps import PeakStepDetector
-from pdrbench.inertial.strides import WHOLE_SWINGS, StrideParams, Strides, StrideSegmenter, find_strides
+from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides
 from pdrbench.inertial.vertical import WAYS, LevelChange, LevelTracker, VerticalParams, level_heights
 from pdrbench.inertial.zero_velocity import DETECTORS, Detector, Rest, RestDetector, detect
 
 __all__ = [
-    "ADAPTIVE",
     "DETECTORS",
     "GENTLE",
     "LITERAL",
-    "REWEIGHTED",
-    "ROBUST",
     "STAGES",
     "WAYS",
-    "WHOLE_SWINGS",
     "AdaptiveStepParams",
     "Detector",
     "FieldParams",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.clock import even_clock
 from pdrbench.inertial.foot_kernels import (
-    FIFTEEN,
     NINE,
     NUM_UPDATES,
     SEVENTEEN,
@@ -26,153 +25,77 @@ from pdrbench.inertial.quaternions import to_world, twist_rad
 from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
 
 _LOOK_ROWS: Final = 256
+# Ours: length of the quiet window from which the vertical is found, its standard deviation where nothing moves, the
+# SHOE statistic up to which a window counts as quiet, and after how long any below the limit of `soft` will do.
+LEVEL_S: Final = 0.1
+LEVEL_SIGMA_RAD: Final = math.radians(0.5)
+LEVEL_STATISTIC: Final = 1e5
+LEVEL_WAIT_S: Final = 3.0
 _AT_200_HZ: Final = math.sqrt(1 / 200)  # a sigma per sample at 200 Hz times this is a density
 
 
 @dataclass(frozen=True, slots=True)
 class FootParams:
-    """Settings of the filter; the defaults are those of F7, the open-source implementation of Skog et al.
+    """Settings of the filter; `LITERAL` has those of the papers.
 
     Attributes:
         detector: When the foot rests.
-        estimates_biases: 15 states, with biases of accelerometer and gyroscope, rather than the 9 of Frank et al. 2009.
-        gravity_mps2: Magnitude of gravity.
+        estimates_biases: 17 states, with biases of accelerometer and gyroscope, scale and lag of the gyroscope, rather
+            than the 9 of Frank et al. 2009.
         unit_height_m: Height of the unit above the sole. A foot in stance rolls, and a unit on its instep moves forward
             meanwhile: taken for rest, that makes every stride 1.9 % short. 0 for a velocity of zero, as in the papers.
         accel_density: White noise of the acceleration, m/s2 per root hertz; 0.5 m/s2 a sample at 200 Hz.
         gyro_density: White noise of the rate, rad/s per root hertz; 0.5 degrees/s a sample at 200 Hz.
-        accel_bias_mps2: Prior standard deviation of a bias.
+        accel_bias_mps2: Prior standard deviation of a bias; the vertical found at the start errs with it.
         gyro_bias_radps: Prior standard deviation of a bias. Small on purpose: what a gyroscope reads at rest differs by
             some 0.1 degrees/s from what it adds while the foot swings, so a rest reveals half of it at most.
-        accel_bias_walk: Of the bias, m/s2 per root second.
-        gyro_bias_walk: Of the bias, rad/s per root second.
         gyro_scale: Prior standard deviation of the error of the gyroscope's scale, one for its three axes. Each swing
             tips the foot by about a right angle and back, so that gravity shows the scale.
         late_samples: Prior standard deviation, in samples, of the time by which rates lag behind forces: filters of the
-            sensor, and stamps. Without it a lag looks like a scale. These two are states unless both are 0.
-        turn_on_rad: A foot that stands still and turns by more, as the gyroscope has it, shows that the unit was
-            switched on with a bias larger than the prior knows; it is set once.
-        turn_on_still_s: For how long the foot must have stood still for that, after `Detector.still_s`.
-        clipped_rate_radps: Rates above may lie at the end of the range of the sensor; inf to trust every rate.
-        clipped_fraction: A rate counts as clipped above this fraction of the largest that its axis has shown.
-        clipped_sigma_radps: How far off a clipped rate may be.
-        clipped_sigma_fraction: The same as a fraction of that rate, added.
-        clipped_excess_radps: A sensor that is seen to end at a rate of L, see `foot_kernels.Memory.limits`, shows rates
-            beyond it too small by this times exp(-L / 3.8 rad/s), the mean over recorded feet. 0 to leave them and to
-            use `clipped_rate_radps` only; else that holds until it is seen where the sensor ends.
-        widest_rate_radps: A unit that shows more is of a wider range than that of `clipped_rate_radps`.
-        level_s: Length of the quiet window from which the vertical is found.
-        level_sigma_rad: Standard deviation of the vertical found in a window without any motion.
-        level_statistic: SHOE statistic up to which a window counts as quiet.
-        ties_level: The vertical found errs by the accelerometer's bias over gravity: the two are correlated.
-        level_wait_s: After that long any window up to the limit of the `soft` detector will do.
-        gap_s: A longer time between samples is a gap, over which the mean of its two ends is taken.
-        bridge_s: In a gap longer than this the foot does as it likes, and its velocity is kept.
-        gap_accel_mps2: How far off the acceleration in a gap may be.
-        gap_rate_radps: How far off the rate in a gap may be.
-        gap_swing_radps: How fast a foot oscillates. With it the noise in a gap is as large as the motion of the last
-            second makes it, and the two above are not used; 0 for these.
+            sensor, and stamps. Without it a lag looks like a scale.
+        clipped_rate_radps: Rates above may lie at the end of the range of the sensor, until it is seen where that ends,
+            see `foot_kernels.Memory.limits`; inf to trust every rate.
+        clipped_sigma_fraction: How far off a clipped rate may be, as a fraction of it.
         takes_mean: Force and rate between two samples are the mean of both, and the rotation is that of a rate that
-            changes linearly (coning), rather than those of the second sample; needed at low rates.
-        bend_fraction: With `takes_mean`: error of that mean as a fraction of the second difference of the samples, a
-            twelfth for the trapezoidal rule. An impact, or a low rate, thereby makes the covariance grow; 0 for white
-            noise only.
-        held_rate_radps: A rate above that repeats the one before to the last bit is clipped, unless the accelerations
-            repeat, too: that sample is an old one. inf for no such rule.
-        evens_clock: Times that come in bursts are replaced by those of an even clock, see `even_clock`.
+            changes linearly (coning), rather than those of the second sample. An impact, or a low rate, thereby makes
+            the covariance grow, as much as the signal bends.
         slip_mps: How fast a foot in stance may be. Where the filter has a velocity v of variance P, the variance of a
             velocity of zero is multiplied by 1 + sum of v^2 / (P + slip^2), as for a Cauchy distribution: in mid-swing,
             at 3 m/s, a foot has moments as quiet as a runner's stance. inf to believe the detector.
         field: Use of a magnetometer, or None.
     """
 
-    detector: Detector = DETECTORS["shoe"]
-    estimates_biases: bool = False
-    gravity_mps2: float = GRAVITY_MPS2
-    unit_height_m: float = 0.0
-    accel_density: float = 0.5 * _AT_200_HZ
-    gyro_density: float = math.radians(0.5) * _AT_200_HZ
-    accel_bias_mps2: float = 0.05
-    gyro_bias_radps: float = math.radians(0.05)
-    accel_bias_walk: float = 1e-6
-    gyro_bias_walk: float = 1e-6
-    gyro_scale: float = 0.0
-    late_samples: float = 0.0
-    turn_on_rad: float = math.radians(1.5)
-    turn_on_still_s: float = 0.7
-    clipped_rate_radps: float = math.inf
-    clipped_fraction: float = 0.97
-    clipped_sigma_radps: float = 3.0
-    clipped_sigma_fraction: float = 0.0
-    clipped_excess_radps: float = 0.0
-    widest_rate_radps: float = math.inf
-    level_s: float = 0.1
-    level_sigma_rad: float = math.radians(0.5)
-    level_statistic: float = 1e5
-    ties_level: bool = False
-    level_wait_s: float = 3.0
-    gap_s: float = 0.1
-    bridge_s: float = 0.5
-    gap_accel_mps2: float = 5.0
-    gap_rate_radps: float = 2.0
-    gap_swing_radps: float = 0.0
-    takes_mean: bool = False
-    bend_fraction: float = 0.0
-    held_rate_radps: float = math.inf
-    evens_clock: bool = False
-    slip_mps: float = math.inf
+    detector: Detector = DETECTORS["soft"]
+    estimates_biases: bool = True
+    unit_height_m: float = 0.08  # on the laces; a regression on motion capture gives 0.09 to 0.12 m, strides 0.08
+    accel_density: float = 0.5 * _AT_200_HZ  # F7
+    gyro_density: float = math.radians(0.5) * _AT_200_HZ  # F7
+    accel_bias_mps2: float = 0.3  # data sheets of the consumer class give 20 to 80 mg
+    gyro_bias_radps: float = math.radians(0.2)  # of the consumer class, which is switched on with 0.1 to 0.5 degrees/s
+    gyro_scale: float = 0.003  # of the consumer class, which is calibrated to 0.1 to 0.5 %
+    late_samples: float = 0.25  # ours
+    clipped_rate_radps: float = 8.3  # the range of 500 degrees/s ends at 8.5 to 9.6 rad/s
+    clipped_sigma_fraction: float = 1.4  # fitted on recordings, see the laboratory's `foot_ins.left_out`
+    takes_mean: bool = True
+    slip_mps: float = 0.3  # a foot is slowest at 0.2 to 0.5 m/s where it runs
     field: FieldParams | None = None
 
     def noise(self) -> Noise:
         """The numbers for the kernels."""
         field = self.field or FieldParams()
-        return Noise(
-            **{name: getattr(self, name) for name in Noise._fields if hasattr(self, name)},
-            turn_on_sigma_radps=math.radians(0.1),
-            heading_sigma_rad=field.sigma_rad,
-            heading_gate=field.gate,
-        )
+        own = {name: getattr(self, name) for name in Noise._fields if hasattr(self, name)}
+        return Noise(**own, heading_sigma_rad=field.sigma_rad, heading_gate=field.gate)
 
 
-LITERAL: Final = FootParams()
-ADAPTIVE: Final = FootParams(
-    detector=DETECTORS["soft"],
-    estimates_biases=True,
-    unit_height_m=0.08,  # on the laces; a regression on motion capture gives 0.09 to 0.12 m, surveyed strides 0.08
-    clipped_rate_radps=5.0,
-)
-# `knee_fraction` and `clipped_sigma_fraction` are fitted on recordings, see `pdrbench_lab.foot_ins.left_out`.
-# Others are not: gyroscopes of the consumer class are switched on with a bias of 0.1 to 0.5 degrees/s, are calibrated
-# to 0.1 to 0.5 % and, in the range of 500 degrees/s, end at 8.5 to 9.6 rad/s; in 190 stands of 60 recordings the foot
-# turned about the vertical by 0.15 degrees; the trapezoidal rule errs by a twelfth of the second difference; and
-# where those recordings exceed 4, 5 or 6 rad/s, they do so by 1.5, 1.1 and 0.9 rad/s in the mean.
-ROBUST: Final = replace(
-    ADAPTIVE,
-    detector=replace(DETECTORS["soft"], knee_fraction=0.006, sway_rad=math.radians(0.15)),
-    gyro_bias_radps=math.radians(0.2),
-    clipped_rate_radps=8.3,
-    clipped_fraction=0.92,
-    clipped_sigma_radps=0.0,
-    clipped_sigma_fraction=1.4,
-    clipped_excess_radps=4.3,
-    widest_rate_radps=10.2,
-    takes_mean=True,
-    bend_fraction=1 / 12,
-    gyro_scale=0.003,
-    late_samples=0.25,
-    gap_s=0.03,
-    gap_swing_radps=20.0,
-    held_rate_radps=3.0,
-    evens_clock=True,
-)
-# A foot is slowest at 0.2 to 0.5 m/s where it runs; data sheets of accelerometers of the consumer class give biases of
-# 20 to 80 mg; `knee_fraction` and `clipped_sigma_fraction` are fitted on recordings.
-REWEIGHTED: Final = replace(
-    ROBUST,
-    detector=replace(ROBUST.detector, knee_fraction=0.024),
-    accel_bias_mps2=0.3,
-    ties_level=True,
-    slip_mps=0.3,
+FOOT: Final = FootParams()
+# F7: nine states, a fixed threshold, every sample as it comes; as the open-source implementation of Skog et al.
+LITERAL: Final = FootParams(
+    detector=DETECTORS["shoe"],
+    estimates_biases=False,
+    unit_height_m=0.0,
+    clipped_rate_radps=math.inf,
+    takes_mean=False,
+    slip_mps=math.inf,
 )
 
 
@@ -246,16 +169,17 @@ def concatenate(parts: Sequence[FootStates]) -> FootStates:
 class FootFilter:
     """Filters a stream, piece by piece; how it is cut does not matter.
 
-    Nothing is known until the foot is quiet for `level_s`: that window gives the vertical, and the origin.
+    Times that come in bursts are replaced by those of an even clock, see `even_clock`. Nothing is known until the foot
+    is quiet for `LEVEL_S`: that window gives the vertical, and the origin.
 
     Args:
         rate_hz: Nominal rate of the samples.
         params: See `FootParams`.
     """
 
-    def __init__(self, rate_hz: float, params: FootParams = LITERAL) -> None:
+    def __init__(self, rate_hz: float, params: FootParams = FOOT) -> None:
         self.params = params
-        self._rest = RestDetector(params.detector, rate_hz, params.gravity_mps2)
+        self._rest = RestDetector(params.detector, rate_hz)
         self._level = Leveller(rate_hz, params)
         self._field = FieldGate(params.field) if params.field is not None else None
         self._noise = params.noise()
@@ -294,8 +218,7 @@ class FootFilter:
         self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None, rest: Rest | None = None
     ) -> tuple[int, FootStates, FloatArray]:
         """Everything but the filter itself: the first sample to filter, states to fill in, the field as it is used."""
-        if self.params.evens_clock:
-            t_s = even_clock(np.array(t_s, dtype=np.float64), self._clock)
+        t_s = even_clock(np.array(t_s, dtype=np.float64), self._clock)
         states = empty_states(t_s, self._rest.update(t_s, accel, gyro) if rest is None else rest)
         begin = 0
         if self.memory is None:
@@ -317,8 +240,8 @@ class Leveller:
 
     def __init__(self, rate_hz: float, params: FootParams) -> None:
         self._params, self._rate_hz = params, rate_hz
-        self._rows = max(3, round(params.level_s * rate_hz))
-        self._quiet = RestDetector(DETECTORS["shoe"], rate_hz, params.gravity_mps2)
+        self._rows = max(3, round(LEVEL_S * rate_hz))
+        self._quiet = RestDetector(DETECTORS["shoe"], rate_hz)
         self._tail: FloatArray = np.zeros((0, 4))  # specific force and SHOE statistic of the last samples
         self._began_s = math.nan
 
@@ -339,8 +262,8 @@ class Leveller:
         for end in range(max(known, self._rows - 1), len(seen)):
             window = seen[end + 1 - self._rows : end + 1]
             now_s = t_s[end - known]
-            has_waited = now_s - self._began_s > self._params.level_wait_s
-            limit = DETECTORS["soft"].threshold if has_waited else self._params.level_statistic
+            has_waited = now_s - self._began_s > LEVEL_WAIT_S
+            limit = DETECTORS["soft"].threshold if has_waited else LEVEL_STATISTIC
             if window[:, 3].max() < limit:
                 return end + 1 - known, level(now_s, window[:, :3], self._params, self._rate_hz)
         self._tail = seen[max(len(seen) - self._rows + 1, 0) :].copy()
@@ -361,22 +284,19 @@ def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 
     """
     mean = accel.mean(axis=0)
     up = mean / np.linalg.norm(mean)
-    spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / params.gravity_mps2
-    size: tuple[int, ...] = NINE
-    if params.estimates_biases:
-        size = SEVENTEEN if params.gyro_scale > 0 or params.late_samples > 0 else FIFTEEN
+    spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / GRAVITY_MPS2
+    size: tuple[int, ...] = SEVENTEEN if params.estimates_biases else NINE
     x = np.zeros(max(len(size) + 1, 16))
     x[6:10] = _levelled(up)
     sigma = np.zeros(len(size))
     sigma[3:6] = params.detector.sigma_mps
-    sigma[6:8] = params.level_sigma_rad + spread
+    sigma[6:8] = LEVEL_SIGMA_RAD + spread
     ties = np.eye(len(size))
-    if len(size) > 9:
+    if params.estimates_biases:  # the vertical errs by the accelerometer's bias over gravity
         body = to_world(x[6:10], np.eye(3))  # its axes in the world
-        ties[6:8, 9:12] = params.ties_level * np.array([-body[:, 1], body[:, 0]]) / params.gravity_mps2
+        ties[6:8, 9:12] = np.array([-body[:, 1], body[:, 0]]) / GRAVITY_MPS2
         sigma[9:12] = params.accel_bias_mps2
         sigma[12:15] = params.gyro_bias_radps
-    if len(size) == 17:
         sigma[15:] = params.gyro_scale, params.late_samples / rate_hz
     return Memory(
         x=x,

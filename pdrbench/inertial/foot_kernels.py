@@ -1,10 +1,10 @@
 """Compiled kernels of the foot-mounted inertial filter: strapdown and error-state Kalman filter.
 
 The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world frame, attitude 6-9 (Hamilton wxyz, body to
-world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
-belongs to the errors (position, velocity, rotation of the world frame, biases). With 17 states the nominal state has 18
-members: the error of the gyroscope's scale, and the seconds by which its rates lag. The same in plain matrices:
-`pdrbench_lab.foot_ins.bench`.
+world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (17, 17)
+belongs to the errors (position, velocity, rotation of the world frame, biases, scale, lag). With 17 states the nominal
+state has 18 members: the error of the gyroscope's scale, and the seconds by which its rates lag. The same in plain
+matrices: `pdrbench_lab.foot_ins.bench`.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ import numpy as np
 from numba import njit
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
 NINE: Final = (0,) * 9
-FIFTEEN: Final = (0,) * 15
 SEVENTEEN: Final = (0,) * 17
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
 
 
-class Noise(NamedTuple):
-    """Numbers the kernels need, in SI units; densities are per square root of hertz."""
+# Ours unless a line says otherwise.
+BIAS_WALK: Final = 1e-6  # of both biases, m/s2 and rad/s per root second
+GAP_S: Final = 0.03  # a longer time between samples is a gap, over which the mean of its two ends is taken
+BRIDGE_S: Final = 0.5  # in a gap longer than this the foot does as it likes, and its velocity is kept
+GAP_SWING_RADPS: Final = 20.0  # how fast a foot oscillates: noise in a gap is as large as the motion of the last second
+BEND_FRACTION: Final = 1 / 12  # error of a mean of two samples over their second difference, as of the trapezoidal rule
+TURN_ON_RAD: Final = math.radians(1.5)  # a foot that stands still and turns by more was switched on with a bias
+TURN_ON_STILL_S: Final = 0.7  # for which it stood still, after `Detector.still_s`
+TURN_ON_SIGMA_RADPS: Final = math.radians(0.1)
+CLIPPED_FRACTION: Final = 0.92  # of the largest rate that an axis has shown, above which a rate counts as clipped
+# A sensor that is seen to end at a rate of L, see `Memory.limits`, shows rates beyond it too small by this times
+# exp(-L / 3.8 rad/s): where recordings exceed 4, 5 or 6 rad/s, they do so by 1.5, 1.1 and 0.9 rad/s in the mean.
+CLIPPED_EXCESS_RADPS: Final = 4.3
+WIDEST_RATE_RADPS: Final = 10.2  # a unit that shows more has a range wider than 500 degrees/s
+HELD_RATE_RADPS: Final = 3.0  # a rate above that repeats the one before to the last bit is clipped
 
-    gravity_mps2: float
+
+class Noise(NamedTuple):
+    """Numbers the kernels need, in SI units; see `FootParams`."""
+
     unit_height_m: float
     accel_density: float
     gyro_density: float
-    accel_bias_walk: float
-    gyro_bias_walk: float
     clipped_rate_radps: float
-    clipped_fraction: float
-    clipped_sigma_radps: float
     clipped_sigma_fraction: float
-    clipped_excess_radps: float
-    widest_rate_radps: float
-    gap_s: float
-    bridge_s: float
-    gap_accel_mps2: float
-    gap_rate_radps: float
-    gap_swing_radps: float
-    turn_on_rad: float
-    turn_on_still_s: float
-    turn_on_sigma_radps: float
-    bend_fraction: float
-    held_rate_radps: float
     takes_mean: bool
     slip_mps: float
     heading_sigma_rad: float
@@ -73,7 +73,7 @@ class Memory(NamedTuple):
         recent: (6,) mean square, over about a second, of the rate about each axis and of the acceleration along each
             axis of the world.
         field_heading: (1,) direction of the magnetic field in the world frame, NaN until one has been measured.
-        size: `NINE`, `FIFTEEN` or `SEVENTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
+        size: `NINE` or `SEVENTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
     """
 
     x: FloatArray
@@ -151,8 +151,8 @@ def correct(x: Any, error: Any, size: Any) -> None:
     for i in range(6):
         x[i] += error[i]
     _set_product(x, _half_turn(error[6], error[7], error[8]), (x[6], x[7], x[8], x[9]))
-    if len(size) >= 15:
-        for i in range(len(size) - 9):
+    if len(size) == 17:
+        for i in range(8):
             x[10 + i] += error[9 + i]
 
 
@@ -167,12 +167,10 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, turn: Any, size: Any) -> Non
         cov[3, j] += dt * (f[2] * p1 - f[1] * p2)
         cov[4, j] += dt * (f[0] * p2 - f[2] * p0)
         cov[5, j] += dt * (f[1] * p0 - f[0] * p1)
-        if n >= 15:
+        if n == 17:
             for i in range(3):
                 cov[3 + i, j] -= dt * (c[i, 0] * cov[9, j] + c[i, 1] * cov[10, j] + c[i, 2] * cov[11, j])
                 cov[6 + i, j] -= dt * (c[i, 0] * cov[12, j] + c[i, 1] * cov[13, j] + c[i, 2] * cov[14, j])
-        if n == 17:
-            for i in range(3):
                 cov[6 + i, j] -= dt * (turn[i] * cov[15, j] - turn[3 + i] * cov[16, j])
     for j in range(n):
         p0, p1, p2 = cov[j, 6], cov[j, 7], cov[j, 8]
@@ -181,12 +179,10 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, turn: Any, size: Any) -> Non
         cov[j, 3] += dt * (f[2] * p1 - f[1] * p2)
         cov[j, 4] += dt * (f[0] * p2 - f[2] * p0)
         cov[j, 5] += dt * (f[1] * p0 - f[0] * p1)
-        if n >= 15:
+        if n == 17:
             for i in range(3):
                 cov[j, 3 + i] -= dt * (c[i, 0] * cov[j, 9] + c[i, 1] * cov[j, 10] + c[i, 2] * cov[j, 11])
                 cov[j, 6 + i] -= dt * (c[i, 0] * cov[j, 12] + c[i, 1] * cov[j, 13] + c[i, 2] * cov[j, 14])
-        if n == 17:
-            for i in range(3):
                 cov[j, 6 + i] -= dt * (turn[i] * cov[j, 15] - turn[3 + i] * cov[j, 16])
     for i in range(n):
         for j in range(i):
@@ -227,7 +223,7 @@ def _predict(
             scale * rate1 + late_s * change[1],
             scale * rate2 + late_s * change[2],
         )
-    if dt > noise.bridge_s:  # the motion is unknown: the velocity is kept, the covariance grows
+    if dt > BRIDGE_S:  # the motion is unknown: the velocity is kept, the covariance grows
         _rotation(x, c)
         for i in range(3):
             f[i] = 0.0
@@ -242,7 +238,7 @@ def _predict(
         for i in range(3):
             f[i] = c[i, 0] * a0 + c[i, 1] * a1 + c[i, 2] * a2
         for i in range(3):
-            motion = f[i] - (noise.gravity_mps2 if i == 2 else 0.0)
+            motion = f[i] - (GRAVITY_MPS2 if i == 2 else 0.0)
             x[i] += dt * x[3 + i] + 0.5 * dt * dt * motion
             x[3 + i] += dt * motion
     if n == 17:
@@ -250,24 +246,17 @@ def _predict(
             turn[i] = c[i, 0] * rate0 + c[i, 1] * rate1 + c[i, 2] * rate2
             turn[3 + i] = c[i, 0] * change[0] + c[i, 1] * change[1] + c[i, 2] * change[2]
     _propagate(cov, dt, f, c, turn, size)
-    is_gap = dt > noise.gap_s
     for i in range(3):
-        if is_gap and noise.gap_swing_radps > 0.0:
-            pass  # see `_doubt_gap`
-        elif is_gap:
-            cov[i, i] += (0.5 * noise.gap_accel_mps2 * dt * dt) ** 2
-            cov[3 + i, 3 + i] += (noise.gap_accel_mps2 * dt) ** 2
-            cov[6 + i, 6 + i] += (noise.gap_rate_radps * dt) ** 2
-        else:
+        if dt <= GAP_S:  # else see `_doubt_gap`
             cov[3 + i, 3 + i] += noise.accel_density**2 * dt
             cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
-        if n >= 15:
-            cov[9 + i, 9 + i] += noise.accel_bias_walk**2 * dt
-            cov[12 + i, 12 + i] += noise.gyro_bias_walk**2 * dt
+        if n == 17:
+            cov[9 + i, 9 + i] += BIAS_WALK**2 * dt
+            cov[12 + i, 12 + i] += BIAS_WALK**2 * dt
 
 
 @njit(cache=True, error_model="numpy")
-def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool, noise: Any) -> None:
+def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool) -> None:
     """Learns where the range of each axis ends, on either side, before `previous` has become sample k.
 
     The sensor ends at the largest rate that a swing holds for three samples, where eight swings come to within 1.5 % of
@@ -278,14 +267,14 @@ def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool, 
         axis, sign = row // 2, 1.0 - 2.0 * (row % 2)
         now, before, earlier = sign * gyro[k, axis], sign * previous[4 + axis], sign * previous[10 + axis]
         limit = limits[row]
-        if is_fresh and now == before and now == earlier and now > noise.held_rate_radps and now > 0.985 * limit[1]:
+        if is_fresh and now == before and now == earlier and now > HELD_RATE_RADPS and now > 0.985 * limit[1]:
             if now > 1.015 * limit[1]:
                 limit[1], limit[2], limit[3] = now, 0.0, 0.0
             limit[2] += 1.0
         limit[0] = max(limit[0], min(now, before, earlier))
         if limit[1] > 0.0 and now > 0.9 * limit[1]:
             limit[3] += 1.0 if now > 0.985 * limit[1] else -1.0
-        if limit[0] > noise.held_rate_radps and now < 0.5 * limit[0]:
+        if limit[0] > HELD_RATE_RADPS and now < 0.5 * limit[0]:
             if limit[0] > 1.015 * limit[1]:
                 limit[1], limit[2], limit[3] = limit[0], 1.0, 0.0
             elif limit[0] > 0.985 * limit[1]:
@@ -299,7 +288,7 @@ def _find_clipped(memory: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: 
     largest, limits, excess = memory.largest_rate, memory.limits, memory.excess
     for axis in range(3):
         largest[axis] = max(largest[axis], abs(gyro[k, axis]))
-    is_wide = max(largest[0], largest[1], largest[2]) > noise.widest_rate_radps
+    is_wide = max(largest[0], largest[1], largest[2]) > WIDEST_RATE_RADPS
     for axis in range(3):
         rate = abs(gyro[k, axis])
         limit = limits[2 * axis + (0 if gyro[k, axis] > 0.0 else 1)]
@@ -307,11 +296,11 @@ def _find_clipped(memory: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: 
         if limit[2] >= MIN_AT_LIMIT and limit[3] > 0.0:
             is_clipped = rate > 0.98 * limit[1]
             if is_clipped:
-                excess[axis] = noise.clipped_excess_radps * math.copysign(math.exp(-rate / EXCESS_RADPS), gyro[k, axis])
+                excess[axis] = CLIPPED_EXCESS_RADPS * math.copysign(math.exp(-rate / EXCESS_RADPS), gyro[k, axis])
         else:
-            is_clipped = rate > noise.clipped_rate_radps and rate > noise.clipped_fraction * largest[axis]
+            is_clipped = rate > noise.clipped_rate_radps and rate > CLIPPED_FRACTION * largest[axis]
             is_clipped = is_clipped and not is_wide
-        doubt = noise.clipped_sigma_radps + noise.clipped_sigma_fraction * rate
+        doubt = noise.clipped_sigma_fraction * rate
         sigma[axis] = doubt if is_clipped or held[axis] else 0.0
 
 
@@ -327,35 +316,35 @@ def _doubt_clipped(cov: Any, sigma: Any, dt: float, c: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt_gap(cov: Any, dt: float, sample: Any, recent: Any, f: Any, noise: Any, c: Any) -> None:
+def _doubt_gap(cov: Any, dt: float, sample: Any, recent: Any, f: Any, c: Any) -> None:
     """Noise of a gap: the mean of its ends errs as it does for an oscillation as large as the motion of late.
 
     For an amplitude A and the frequency w the trapezoid errs by A w^2 dt^3 / 12, and by no more than A dt.
     """
-    lasts = min(dt, noise.gap_swing_radps**2 * dt**3 / 12.0)
+    lasts = min(dt, GAP_SWING_RADPS**2 * dt**3 / 12.0)
     for axis in range(3):
         turn = 2.0 * lasts**2 * max(recent[axis], sample[3 + axis] ** 2)
         for i in range(3):
             for j in range(3):
                 cov[6 + i, 6 + j] += c[i, axis] * c[j, axis] * turn
-        motion = f[axis] - (noise.gravity_mps2 if axis == 2 else 0.0)
+        motion = f[axis] - (GRAVITY_MPS2 if axis == 2 else 0.0)
         speed = 2.0 * lasts**2 * max(recent[3 + axis], motion**2)
         cov[3 + axis, 3 + axis] += speed
         cov[axis, axis] += 0.25 * dt**2 * speed
 
 
 @njit(cache=True, error_model="numpy")
-def _remember(recent: Any, dt: float, x: Any, sample: Any, f: Any, gravity_mps2: float) -> None:
+def _remember(recent: Any, dt: float, x: Any, sample: Any, f: Any) -> None:
     """Follows how strongly the foot moves."""
     weight = min(dt, 1.0)
     for i in range(3):
-        motion = f[i] - (gravity_mps2 if i == 2 else 0.0)
+        motion = f[i] - (GRAVITY_MPS2 if i == 2 else 0.0)
         recent[i] += weight * ((sample[3 + i] - x[13 + i]) ** 2 - recent[i])
         recent[3 + i] += weight * (motion**2 - recent[3 + i])
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt_bends(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: int, noise: Any) -> None:
+def _doubt_bends(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: int) -> None:
     """Noise of velocity and attitude from what the signal may have done between two samples.
 
     As large as the second difference of the last three; of the last two where these are not evenly spaced.
@@ -369,14 +358,14 @@ def _doubt_bends(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: i
             bend_turn -= previous[4 + i] - previous[10 + i]
         force += bend_force**2
         turn += bend_turn**2
-    scale = (noise.bend_fraction * dt) ** 2 / 3.0
+    scale = (BEND_FRACTION * dt) ** 2 / 3.0
     for i in range(3):
         cov[3 + i, 3 + i] += scale * force
         cov[6 + i, 6 + i] += scale * turn
 
 
 @njit(cache=True, error_model="numpy")
-def _stand(still: Any, x: Any, dt: float, gyro: Any, k: int, is_still: bool, noise: Any) -> bool:
+def _stand(still: Any, x: Any, dt: float, gyro: Any, k: int, is_still: bool) -> bool:
     """Counts how long the foot stands still; True once the gyroscope has it turn more than a foot at rest does."""
     if not is_still:
         for i in range(4):
@@ -387,7 +376,7 @@ def _stand(still: Any, x: Any, dt: float, gyro: Any, k: int, is_still: bool, noi
     for i in range(3):
         still[1 + i] += dt * (gyro[k, i] - x[13 + i])
         turned += still[1 + i] ** 2
-    return bool(still[4] == 0.0 and still[0] >= noise.turn_on_still_s and turned > noise.turn_on_rad**2)
+    return bool(still[4] == 0.0 and still[0] >= TURN_ON_STILL_S and turned > TURN_ON_RAD**2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -454,24 +443,26 @@ def advance(
             record.which[k] = -1
             record.step[k, 0] = 0.0
         if dt > 0.0:
-            weight = 0.5 if noise.takes_mean or dt > noise.gap_s else 1.0  # across a gap the mean of both ends
+            weight = 0.5 if noise.takes_mean or dt > GAP_S else 1.0  # across a gap the mean of both ends
             for i in range(3):
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
-            if noise.takes_mean and dt <= noise.gap_s:
-                _doubt_bends(cov, dt, accel, gyro, previous, k, noise)
+            if noise.takes_mean and dt <= GAP_S:
+                _doubt_bends(cov, dt, accel, gyro, previous, k)
                 for i in range(3):  # the rotation of a rate that changes linearly: its axis turns, too (coning)
                     j, m = (i + 1) % 3, (i + 2) % 3
                     sample[3 + i] += dt / 12.0 * (previous[4 + j] * gyro[k, m] - previous[4 + m] * gyro[k, j])
             is_fresh = False
+            finds_clipped = noise.clipped_rate_radps < np.inf
             for i in range(3):
                 is_fresh = is_fresh or accel[k, i] != previous[1 + i]  # where not, the whole sample may be a repetition
             for i in range(3):
                 change[i] = (gyro[k, i] - previous[4 + i]) / dt
-                held[i] = is_fresh and gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > noise.held_rate_radps
-            if noise.clipped_excess_radps > 0.0:
-                _find_limits(memory.limits, gyro, previous, k, is_fresh, noise)
-            if dt <= noise.gap_s:
+                is_same = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > HELD_RATE_RADPS
+                held[i] = finds_clipped and is_fresh and is_same
+            if finds_clipped:
+                _find_limits(memory.limits, gyro, previous, k, is_fresh)
+            if dt <= GAP_S:
                 for i in range(3):
                     sample[3 + i] += (1.0 - weight) * excess[i]
                 _find_clipped(memory, held, gyro, k, noise, clipped)
@@ -482,11 +473,10 @@ def advance(
                 previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
             previous[0], previous[13] = t_s[k], dt
             _predict(x, cov, dt, sample, change, noise, f, c, turn, size)
-            if dt > noise.gap_s and noise.gap_swing_radps > 0.0:
-                _doubt_gap(cov, dt, sample, recent, f, noise, c)
-            if noise.gap_swing_radps > 0.0:
-                _remember(recent, dt, x, sample, f, noise.gravity_mps2)
-            if dt <= noise.gap_s:
+            if dt > GAP_S:
+                _doubt_gap(cov, dt, sample, recent, f, c)
+            _remember(recent, dt, x, sample, f)
+            if dt <= GAP_S:
                 _doubt_clipped(cov, clipped, dt, c)
             if keeps:
                 record.step[k, 0] = dt
@@ -510,9 +500,9 @@ def advance(
                     nis[k] += innovation * innovation / variance
                     if keeps:
                         _keep(record, k, i, 3 + i, gain, innovation, variance)
-            if n >= 15:
-                is_still = rate_noise < np.inf and dt <= noise.gap_s  # the rotation in a gap is unknown
-                is_turn_on = _stand(still, x, dt, gyro, k, is_still, noise)
+            if n == 17:
+                is_still = rate_noise < np.inf and dt <= GAP_S  # the rotation in a gap is unknown
+                is_turn_on = _stand(still, x, dt, gyro, k, is_still)
                 if rate_noise < np.inf:
                     has_update = True
                     for i in range(3):
@@ -520,7 +510,7 @@ def advance(
                         if is_turn_on:  # the bias the unit was switched on with is larger than the prior of the filter
                             off = still[1 + i] / still[0]
                             innovation = off - error[12 + i]
-                            rate_noise = noise.turn_on_sigma_radps**2
+                            rate_noise = TURN_ON_SIGMA_RADPS**2
                             cov[12 + i, 12 + i] += off**2 + rate_noise
                             still[4] = 1.0
                         variance = _measure(cov, error, 12 + i, innovation, rate_noise, gain, size)

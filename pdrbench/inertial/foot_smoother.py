@@ -18,7 +18,7 @@ def _transpose_step(v: Any, dt: float, f: Any, c: Any, turn: Any) -> None:
         v[15] -= dt * (turn[0] * v[6] + turn[1] * v[7] + turn[2] * v[8])
     for i in range(3):
         v3, v6 = v[3 + i], v[6 + i]
-        if len(v) >= 15:
+        if len(v) == 17:
             for j in range(3):
                 v[9 + j] -= dt * c[i, j] * v3
                 v[12 + j] -= dt * c[i, j] * v6
@@ -41,7 +41,7 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
         record: `Record` of the forward pass.
         adjoint: (N,) carried from the samples after these, zero at the end of the walk; updated.
         information: (N, N) likewise.
-        size: `NINE` or `FIFTEEN`.
+        size: `NINE` or `SEVENTEEN`.
         out_x: (n, 16) smoothed states.
         out_cov: (n, 4, 4) their covariance of position and heading.
     """

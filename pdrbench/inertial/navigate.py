@@ -13,7 +13,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.checks import CleanRows, clean_rows
 from pdrbench.inertial.clock import even_clock
-from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, empty_record, run
+from pdrbench.inertial.foot_filter import FOOT, FootFilter, FootParams, FootStates, empty_record, run
 from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
 from pdrbench.sensors.checks import refuse, sign
@@ -25,7 +25,7 @@ def navigate(
     t_s: FloatArray,
     accel: FloatArray,
     gyro: FloatArray,
-    params: FootParams = LITERAL,
+    params: FootParams = FOOT,
     *,
     field: FloatArray | None = None,
     rest: Rest | None = None,
@@ -46,7 +46,7 @@ def navigate(
     Raises:
         RecordingError: The recording cannot be meant (units, order, shapes), or the foot never rests.
     """
-    rows, field, rest = _clean(_evened(t_s, params), accel, gyro, field, rest)
+    rows, field, rest = _clean(_evened(t_s), accel, gyro, field, rest)
     states = FootFilter(nominal_rate_hz(rows.t_s), params).update(rows.t_s, rows.accel, rows.gyro, field, rest)
     _check_started(states)
     return states
@@ -56,7 +56,7 @@ def navigate_smoothed(
     t_s: FloatArray,
     accel: FloatArray,
     gyro: FloatArray,
-    params: FootParams = LITERAL,
+    params: FootParams = FOOT,
     *,
     field: FloatArray | None = None,
     rest: Rest | None = None,
@@ -69,7 +69,7 @@ def navigate_smoothed(
 
     Args and errors as `navigate`.
     """
-    rows, field, rest = _clean(_evened(t_s, params), accel, gyro, field, rest)
+    rows, field, rest = _clean(_evened(t_s), accel, gyro, field, rest)
     footing = FootFilter(nominal_rate_hz(rows.t_s), params)
     begin, states, used = footing.prepare(rows.t_s, rows.accel, rows.gyro, field, rest)
     if footing.memory is None:
@@ -92,7 +92,7 @@ def navigate_smoothed(
 
 
 def navigate_many(
-    walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]], params: FootParams = LITERAL
+    walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]], params: FootParams = FOOT
 ) -> list[FootStates]:
     """Filters many recordings at once, one thread each; the same bytes as `navigate` one by one.
 
@@ -107,10 +107,10 @@ def navigate_many(
         return list(pool.map(lambda walk: navigate(walk[0], walk[1], walk[2], params), walks))
 
 
-def _evened(t_s: FloatArray, params: FootParams) -> FloatArray:
+def _evened(t_s: FloatArray) -> FloatArray:
     """The times as the filter will have them, before samples that repeat one are left out."""
     t_s = np.array(t_s, dtype=np.float64)
-    if not params.evens_clock or t_s.ndim != 1 or not (np.diff(t_s) >= 0).all():
+    if t_s.ndim != 1 or not (np.diff(t_s) >= 0).all():
         return t_s  # what cannot be meant is refused later
     clock: FloatArray = even_clock(t_s, np.array([np.nan, np.nan, 0, 0, 0, 0]))
     return clock

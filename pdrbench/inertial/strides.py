@@ -27,8 +27,8 @@ class StrideParams:
         moved_m: A foot that was set down nearer than this to where it stood made no stride.
         in_place_m: A shorter stride turns by the yaw of the foot, not by the direction of its displacement (W3).
         settle_s: The slowest moment of a stretch counts as a rest only where no rest comes within this: a foot that
-            comes down after a slow swing is slow before it rests. 0: it counts at once.
-        same_stance_s, same_stance_m: Two rests nearer than both are one: a foot rolls on while it stands. 0: none are.
+            comes down after a slow swing is slow before it rests, and its stride would be cut in two.
+        same_stance_s, same_stance_m: Two rests nearer than both are one: a foot rolls on while it stands.
     """
 
     rest_sigma_mps: float = 0.1
@@ -37,14 +37,12 @@ class StrideParams:
     hold_s: float = 0.05
     moved_m: float = 0.02
     in_place_m: float = 0.1
-    settle_s: float = 0.0
-    same_stance_s: float = 0.0
+    settle_s: float = 0.4
+    same_stance_s: float = 0.35
     same_stance_m: float = 0.3
 
 
-# A stride for each swing. The defaults, by which stored laws were fitted and localizers of version 0 answer, cut a
-# stride of a slow swing in two where the foot comes down, and one of a foot that rolls on where it rolls.
-WHOLE_SWINGS: Final = StrideParams(settle_s=0.4, same_stance_s=0.35)
+STRIDES: Final = StrideParams()
 
 
 class Strides(NamedTuple):
@@ -103,8 +101,8 @@ class StrideSegmenter:
     to the whole way.
     """
 
-    def __init__(self, params: StrideParams | None = None) -> None:
-        self._params = params or StrideParams()
+    def __init__(self, params: StrideParams = STRIDES) -> None:
+        self._params = params
         self._stood: FloatArray | None = None  # where the foot stood last
         self._rest: FloatArray | None = None  # the best moment of the rest that goes on
         self._slowest: FloatArray | None = None  # the best moment of a running foot's stance
@@ -180,12 +178,12 @@ class StrideSegmenter:
         self._stood = rest
 
 
-def find_strides(states: FootStates, params: StrideParams = WHOLE_SWINGS) -> Strides:
+def find_strides(states: FootStates, params: StrideParams = STRIDES) -> Strides:
     """Strides of a whole recording, of the states that `navigate` gives; see `StrideSegmenter`.
 
     Args:
         states: Of the whole recording.
-        params: `StrideParams()` for the strides that stored laws and localizers of version 0 and 1 rest on.
+        params: See `StrideParams`.
 
     Raises:
         RecordingError: Something else than states is given, or no state is known.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, ROBUST
+from pdrbench.inertial.foot_filter import FOOT, LITERAL
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.phone_attitude import PhoneAttitude
@@ -21,7 +21,7 @@ def warm_up() -> None:
     measured = (motion.t_s, motion.accel, motion.gyro)
     for detector in DETECTORS.values():
         detect(*measured, detector)
-    for params in (LITERAL, ADAPTIVE, ROBUST):
+    for params in (LITERAL, FOOT):
         navigate(*measured, params)
         navigate_smoothed(*measured, params)
         navigate_many([measured], params)

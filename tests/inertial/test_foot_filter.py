@@ -17,9 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pdrbench.errors import RecordingError
 from pdrbench.inertial import (
-    ADAPTIVE,
     LITERAL,
-    ROBUST,
     FieldParams,
     FootFilter,
     FootParams,
@@ -30,17 +28,15 @@ from pdrbench.inertial import (
     navigate_many,
     navigate_smoothed,
 )
-from pdrbench.inertial.foot_filter import empty_states, level, run
-from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, Memory
+from pdrbench.inertial.foot_filter import LEVEL_SIGMA_RAD, empty_states, level, run
+from pdrbench.inertial.foot_kernels import NINE, SEVENTEEN, Memory
 from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.inertial.quaternions import to_world
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 from pdrbench.metrics.odometry import align_se2
 
-FREE = replace(
-    ADAPTIVE, unit_height_m=0.0, clipped_rate_radps=math.inf
-)  # what does not depend on body axes or on shoes
-DOUBTING = replace(ROBUST, accel_bias_mps2=0.3, ties_level=True, slip_mps=0.3)
+FOOT = FootParams()
+FREE = FootParams(unit_height_m=0.0, clipped_rate_radps=math.inf)  # what does not depend on body axes or on shoes
 
 
 def off_m(states: FootStates, motion: FootMotion) -> np.ndarray:
@@ -56,18 +52,19 @@ def same_bytes(one: FootStates, other: FootStates) -> bool:
 # Against the truth.
 
 
-@pytest.mark.parametrize("params", [LITERAL, FREE, ADAPTIVE], ids=["9", "15", "15 rolling"])
+@pytest.mark.parametrize("params", [LITERAL, FREE, FOOT], ids=["9", "17", "17 rolling"])
 def test_perfect_signals_give_the_closed_form(params: FootParams, true_rest: Any) -> None:
     motion = walk(10, length_m=1.3, turn_rad=0.3, rise_m=0.17)
     states = navigate(motion.t_s, motion.accel, motion.gyro, params, rest=true_rest(motion))
     heading = 0.3 * np.arange(10)
     end = [1.3 * np.cos(heading).sum(), 1.3 * np.sin(heading).sum(), 1.7]
-    np.testing.assert_allclose(states.position_m[-1], end, atol=1e-3)
-    assert states.yaw_rad[-1] == pytest.approx(3.0, abs=1e-4)
+    # the mean of two samples errs by a twelfth of their second difference: 0.2 mm a stride
+    np.testing.assert_allclose(states.position_m[-1], end, atol=4e-3 if params.takes_mean else 1e-3)
+    assert states.yaw_rad[-1] == pytest.approx(3.0, abs=1e-3 if params.takes_mean else 1e-4)
     assert np.abs(states.velocity_mps[-1]).max() < 1e-4
 
 
-@pytest.mark.parametrize("params", [LITERAL, FREE, ADAPTIVE, ROBUST], ids=["shoe", "soft", "adaptive", "robust"])
+@pytest.mark.parametrize("params", [LITERAL, FREE, FOOT], ids=["shoe", "soft", "rolling"])
 def test_the_detector_finds_rests_well_enough(params: FootParams) -> None:
     motion = walk(10, length_m=1.3, turn_rad=0.3, rise_m=0.17)
     off = off_m(navigate(motion.t_s, motion.accel, motion.gyro, params), motion)
@@ -77,22 +74,22 @@ def test_the_detector_finds_rests_well_enough(params: FootParams) -> None:
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
 def test_any_rate_will_do(rate_hz: float, measure: Any, rng: Any) -> None:
     motion = walk(10, turn_rad=0.2, rate_hz=rate_hz)
-    assert off_m(navigate(*measure(motion, rng), ADAPTIVE), motion)[-1] < 0.01 * 13
+    assert off_m(navigate(*measure(motion, rng), FOOT), motion)[-1] < 0.01 * 13
 
 
 def test_errors_grow_about_linearly_with_strides(measure: Any) -> None:
-    """W2. The exponent is between those of a random walk, 1/2, and of a heading that drifts as one, 3/2."""
+    """W2. The exponent is between those of a random walk, 1/2, and of a heading that drifts by a constant bias, 2."""
     motion = walk(80)
     off = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         bias = {"accel_bias": tuple(rng.normal(0, 0.03, 3)), "gyro_bias": tuple(rng.normal(0, 0.0005, 3))}
-        off.append(off_m(navigate(*measure(motion, rng, **bias), ADAPTIVE), motion))
+        off.append(off_m(navigate(*measure(motion, rng, **bias), FOOT), motion))
     after = [np.searchsorted(motion.t_s, 0.9 + 1.15 * strides) for strides in (10, 20, 40, 80)]
     rms_m = np.sqrt(np.square(off).mean(axis=0))[after]
     exponent = np.polyfit(np.log([10, 20, 40, 80]), np.log(rms_m), 1)[0]
-    assert 0.5 < exponent < 1.5
-    assert rms_m[-1] < 0.01 * 80 * 1.3
+    assert 0.5 < exponent < 2.0
+    assert rms_m[-1] < 0.02 * 80 * 1.3
 
 
 # NEES and NIS: the filter is as wrong as it says.
@@ -114,15 +111,16 @@ def swung(motion: FootMotion) -> tuple[np.ndarray, np.ndarray]:
     return q, half_way
 
 
-@pytest.mark.parametrize("size", [NINE, FIFTEEN], ids=["9", "15"])
+@pytest.mark.parametrize("size", [NINE, SEVENTEEN], ids=["9", "17"])
 def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None:
     """Everything is drawn from the model of the filter: at rest the true velocity is white noise of sigma, noise is
     white, the prior is true. Then the sum of e^T P^-1 e over all runs is chi-square with 40 N degrees of freedom."""
-    params = replace(FREE, estimates_biases=size is FIFTEEN, turn_on_rad=10.0)
+    params = replace(FREE, takes_mean=False, slip_mps=math.inf)
     noise, sigma = params.noise(), np.zeros(len(size))
-    sigma[3:6], sigma[6:8] = 0.01, params.level_sigma_rad
-    if size is FIFTEEN:
-        sigma[9:12], sigma[12:15] = params.accel_bias_mps2, params.gyro_bias_radps
+    sigma[3:6], sigma[6:8] = 0.01, LEVEL_SIGMA_RAD
+    if size is SEVENTEEN:  # scale and lag are known to be none
+        sigma[9:12], sigma[12:15] = 0.05, math.radians(0.05)
+    uncertain = min(len(size), 15)
     motion, dt = walk(4, turn_rad=0.4, rise_m=0.17), 1 / 200
     count = len(motion)
     q, half_way = swung(motion)
@@ -133,12 +131,13 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         moved = dt * np.roll(velocity, 1, axis=0) + 0.5 * dt**2 * motion_mps2
         moved[0] = 0.0
         error = sigma * rng.standard_normal(len(size))
-        bias = error[9:] if size is FIFTEEN else np.zeros(6)
-        force = np.einsum("nji,nj->ni", half_way, motion_mps2 + np.array([0, 0, noise.gravity_mps2]))
+        bias = error[9:15] if size is SEVENTEEN else np.zeros(6)
+        force = np.einsum("nji,nj->ni", half_way, motion_mps2 + np.array([0, 0, GRAVITY_MPS2]))
         accel = force + bias[:3] + noise.accel_density / math.sqrt(dt) * rng.standard_normal((count, 3))
         gyro = motion.gyro + bias[3:] + noise.gyro_density / math.sqrt(dt) * rng.standard_normal((count, 3))
-        truth = np.concatenate([moved.sum(axis=0), velocity[-1], q[-1], bias])
-        first = np.concatenate([np.zeros(3), velocity[0], q[0], bias])
+        more = np.zeros(2 if size is SEVENTEEN else 0)
+        truth = np.concatenate([moved.sum(axis=0), velocity[-1], q[-1], bias, more])
+        first = np.concatenate([np.zeros(3), velocity[0], q[0], bias, more])
         turned = Rotation.from_rotvec(-error[6:9]) * Rotation.from_quat(first[[7, 8, 9, 6]])
         start = np.concatenate([first[:6] - error[:6], np.roll(turned.as_quat(), 1), first[10:]])
         start[10 : 10 + len(error) - 9] -= error[9:]
@@ -148,10 +147,10 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         states = empty_states(motion.t_s, Rest(rest, np.full(count, np.inf), np.zeros(count)))
         run(memory, states, accel, gyro, np.full((count, 3), np.nan), noise)
         turn = Rotation.from_quat(truth[[7, 8, 9, 6]]) * Rotation.from_quat(memory.x[[7, 8, 9, 6]]).inv()
-        off = np.concatenate([(truth - memory.x)[:6], turn.as_rotvec(), (truth - memory.x)[10:]])[: len(size)]
-        nees.append(off @ np.linalg.solve(memory.cov, off))
+        off = np.concatenate([(truth - memory.x)[:6], turn.as_rotvec(), (truth - memory.x)[10:]])[:uncertain]
+        nees.append(off @ np.linalg.solve(memory.cov[:uncertain, :uncertain], off))
         nis.append(np.nanmean(states.nis))
-    low, high = stats.chi2.ppf([0.001, 0.999], NUM_RUNS * len(size))
+    low, high = stats.chi2.ppf([0.001, 0.999], NUM_RUNS * uncertain)
     assert low < np.sum(nees) < high
     # Some 600 rests a run, each chi-square with 3 degrees of freedom and independent: sigma of the mean is 0.016.
     assert np.mean(nis) == pytest.approx(3.0, abs=0.06)
@@ -160,9 +159,7 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
 # What must not matter.
 
 
-@pytest.mark.parametrize(
-    "params", [LITERAL, FREE, replace(ADAPTIVE, clipped_rate_radps=math.inf)], ids=["9", "15", "h"]
-)
+@pytest.mark.parametrize("params", [LITERAL, FREE, replace(FOOT, clipped_rate_radps=math.inf)], ids=["9", "17", "h"])
 def test_mounting_does_not_matter(params: FootParams, measure: Any, rng: Any) -> None:
     motion = walk(6, turn_rad=0.4, rise_m=0.17)
     measured = measure(motion, rng)
@@ -178,9 +175,7 @@ def test_mounting_does_not_matter(params: FootParams, measure: Any, rng: Any) ->
         np.testing.assert_allclose(turned.sigma_m[known], plain.sigma_m[known], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "params", [LITERAL, ADAPTIVE, replace(ADAPTIVE, field=FieldParams())], ids=["9", "15", "field"]
-)
+@pytest.mark.parametrize("params", [LITERAL, FOOT, replace(FOOT, field=FieldParams())], ids=["9", "17", "field"])
 def test_how_a_stream_is_cut_does_not_matter(params: FootParams, measure: Any, earth_field: Any, rng: Any) -> None:
     motion = walk(4, turn_rad=0.3)
     cut = 10  # no vertical yet in the first pieces
@@ -202,7 +197,7 @@ def test_many_walks_are_each_walk(threads: int, measure: Any, rng: Any) -> None:
         pytest.skip(f"this machine has no {threads} threads")
     numba.set_num_threads(threads)
     try:
-        for params in (LITERAL, ADAPTIVE):
+        for params in (LITERAL, FOOT):
             together = navigate_many(walks, params)
             assert all(same_bytes(a, navigate(*b, params)) for a, b in zip(together, walks, strict=True))
     finally:
@@ -212,15 +207,16 @@ def test_many_walks_are_each_walk(threads: int, measure: Any, rng: Any) -> None:
 
 def test_samples_that_repeat_a_time_change_nothing(measure: Any, rng: Any) -> None:
     measured = measure(walk(3), rng)
-    twice = np.sort(np.r_[0 : len(measured.t_s), rng.integers(0, len(measured.t_s), 200)])
+    few = rng.integers(0, len(measured.t_s), 5)  # more are bursts, for `even_clock`
+    twice = np.sort(np.r_[0 : len(measured.t_s), few])
     repeated = [v[twice] for v in measured]
-    assert same_bytes(navigate(*measured, ADAPTIVE), navigate(*repeated, ADAPTIVE))
+    assert same_bytes(navigate(*measured, FOOT), navigate(*repeated, FOOT))
 
 
 def test_arguments_are_left_alone(measure: Any, rng: Any) -> None:
     measured = measure(walk(2), rng)
     copies = [v.copy() for v in measured]
-    navigate_smoothed(*measured, ADAPTIVE)
+    navigate_smoothed(*measured, FOOT)
     assert all(np.array_equal(a, b) for a, b in zip(measured, copies, strict=True))
 
 
@@ -235,7 +231,7 @@ def without(measured: Any, from_s: float, to_s: float) -> list[np.ndarray]:
 def test_after_half_a_second_without_samples(measure: Any, rng: Any) -> None:
     """A gap in the middle of a stride: its end is guessed, and the filter says how well."""
     motion = walk(8)
-    states = navigate(*without(measure(motion, rng), 5.7, 6.2), ADAPTIVE)
+    states = navigate(*without(measure(motion, rng), 5.7, 6.2), FOOT)
     at = np.searchsorted(states.t_s, [5.69, 6.2, 9.0])
     before, after, later = states.sigma_m[at]
     assert before < 0.1
@@ -255,7 +251,7 @@ def test_ten_seconds_of_nan(measure: Any, rng: Any) -> None:
     is_lost = (motion.t_s >= 5.7) & (motion.t_s < 15.7)
     measured.accel[is_lost] = np.nan
     for smoothed in (navigate, navigate_smoothed):
-        states = smoothed(*measured, ADAPTIVE)
+        states = smoothed(*measured, FOOT)
         assert len(states) == (~is_lost).sum()
         started = int(np.flatnonzero(np.isfinite(states.x[:, 0]))[0])
         assert states.t_s[started] < 0.2
@@ -270,7 +266,7 @@ def test_start_in_motion(measure: Any, rng: Any) -> None:
     motion = walk(6)
     cut = int(np.searchsorted(motion.t_s, 1.3))
     measured = [v[cut:] for v in measure(motion, rng)]
-    states = navigate(*measured, ADAPTIVE)
+    states = navigate(*measured, FOOT)
     first = int(np.flatnonzero(np.isfinite(states.x[:, 0]))[0])
     assert 1.55 < states.t_s[first] < 1.9  # it is put down at 1.65 s
     walked_m = motion.position_m[-1] - motion.position_m[cut + first]
@@ -287,13 +283,13 @@ def test_a_unit_that_never_rests_is_refused(rng: Any) -> None:
 
 
 def test_a_gyroscope_that_saturates(measure: Any, rng: Any) -> None:
-    """Rates up to 6.2 rad/s, a sensor that ends at 5.5."""
-    motion = walk(20, tilt_rad=1.0)
+    """Rates up to 10 rad/s, a sensor that ends at 8.5."""
+    motion = walk(20, tilt_rad=1.6)
     measured = measure(motion, rng)
-    clipped = np.clip(measured.gyro, -5.5, 5.5)
+    clipped = np.clip(measured.gyro, -8.5, 8.5)
     assert (clipped != measured.gyro).any(axis=1).mean() > 0.03
-    off = off_m(navigate(measured.t_s, measured.accel, clipped, ADAPTIVE), motion)[-1]
-    unaware = replace(ADAPTIVE, clipped_rate_radps=math.inf)
+    off = off_m(navigate(measured.t_s, measured.accel, clipped, FOOT), motion)[-1]
+    unaware = replace(FOOT, clipped_rate_radps=math.inf)
     assert off < 0.01 * 26
     assert off < 0.7 * off_m(navigate(measured.t_s, measured.accel, clipped, unaware), motion)[-1]
 
@@ -303,7 +299,7 @@ def test_switched_on_with_a_bias_of_two_degrees_per_second(axis: int, measure: A
     motion, bias = walk(20, still_s=2.0), np.zeros(3)
     bias[axis] = math.radians(2.0)
     measured = measure(motion, rng, gyro_bias=tuple(bias))
-    states = navigate(*measured, ADAPTIVE)
+    states = navigate(*measured, FOOT)
     np.testing.assert_allclose(states.x[-1, 13:], bias, atol=math.radians(0.15))
     assert off_m(states, motion)[-1] < 0.04 * 26
     if axis == 2:  # a drift of 46 degrees, observable from the start only
@@ -314,7 +310,7 @@ def test_a_gap_while_standing_is_no_turn(measure: Any) -> None:
     """One sample after a gap of ten seconds must not count for ten seconds."""
     measured = without(measure(walk(0, still_s=16.0)), 3.0, 13.0)
     measured[2][np.searchsorted(measured[0], 13.0)] = [0.0, 0.0, 0.006]  # noise; 0.06 rad in 10 s
-    states = navigate(*measured, ADAPTIVE)
+    states = navigate(*measured, FOOT)
     assert abs(states.x[-1, 15]) < math.radians(0.02)
 
 
@@ -354,8 +350,8 @@ def test_motion_capture_with_rests_found(data_root: Path) -> None:
     filtered, smoothed = [], []
     for trial in trials(data_root):
         measured = (trial["ts"].ravel(), trial["imu"][:, :3], trial["imu"][:, 3:])
-        filtered.append(se2_rmse_m(navigate(*measured, ADAPTIVE), trial["gt"]))
-        smoothed.append(se2_rmse_m(navigate_smoothed(*measured, ADAPTIVE), trial["gt"]))
+        filtered.append(se2_rmse_m(navigate(*measured, FOOT), trial["gt"]))
+        smoothed.append(se2_rmse_m(navigate_smoothed(*measured, FOOT), trial["gt"]))
     assert np.mean(filtered) < 0.15
     assert np.max(filtered) < 0.6
     assert np.mean(smoothed) < np.mean(filtered)
@@ -366,9 +362,9 @@ def test_stamps_that_come_in_bursts_are_put_on_an_even_clock(measure: Any, rng: 
     motion = walk(10, turn_rad=0.2, still_s=2.0)
     measured = measure(motion, rng)
     bursts_s = np.ceil(measured.t_s * 50.0) / 50.0
-    end_m = navigate(bursts_s, measured.accel, measured.gyro, ROBUST).position_m[-1]
+    end_m = navigate(bursts_s, measured.accel, measured.gyro, FOOT).position_m[-1]
     assert np.linalg.norm(end_m - motion.position_m[-1]) < 0.02 * 13
-    even = navigate(*measured, ROBUST)
+    even = navigate(*measured, FOOT)
     assert np.array_equal(even.t_s, measured.t_s)  # a clock that is even stays to the last bit
 
 
@@ -388,10 +384,9 @@ def test_swings_show_the_scale_of_the_gyroscope(error: float, measure: Any, rng:
     motion = walk(60, turn_rad=0.2)
     measured = measure(motion, rng)
     wrong = measured._replace(gyro=measured.gyro * (1 + error))
-    params = replace(ROBUST, unit_height_m=0.0, gyro_scale=0.02)
+    params = replace(FOOT, unit_height_m=0.0, gyro_scale=0.02)
     done, blind = filtered(wrong, params), filtered(wrong, replace(params, gyro_scale=0.0, late_samples=0.0))
     assert done.memory.x[16] == pytest.approx(error, abs=0.004)
-    assert blind.memory.size is FIFTEEN
     off = [math.hypot(*(each.memory.x[:2] - motion.position_m[-1, :2])) for each in (done, blind)]
     assert off[0] < 0.5 * off[1]
 
@@ -400,7 +395,7 @@ def test_swings_show_by_how_much_rates_lag(measure: Any, rng: Any) -> None:
     motion, late_s = walk(60, turn_rad=0.2), 0.004
     measured = measure(motion, rng)
     rates = [np.interp(motion.t_s - late_s, motion.t_s, measured.gyro[:, axis]) for axis in range(3)]
-    params = replace(ROBUST, unit_height_m=0.0, late_samples=2.0)
+    params = replace(FOOT, unit_height_m=0.0, late_samples=2.0)
     done = filtered(measured._replace(gyro=np.column_stack(rates)), params)
     assert done.memory.x[17] == pytest.approx(late_s, abs=0.0015)
     assert abs(done.memory.x[16]) < 0.003
@@ -411,7 +406,7 @@ def test_a_gap_costs_as_much_as_the_foot_moves(gap: slice, most_m: float, measur
     motion = walk(3)
     whole = measure(motion, rng)
     kept = np.delete(np.arange(len(motion)), np.arange(gap.start, gap.stop))
-    states = navigate(*(v[kept] for v in whole), ROBUST)
+    states = navigate(*(v[kept] for v in whole), FOOT)
     grown = states.sigma_m[gap.start] - states.sigma_m[gap.start - 1]  # the first row after the gap
     assert 0 <= grown < most_m
     assert grown > 0.01 or most_m < 0.01
@@ -426,17 +421,17 @@ def test_a_sample_that_is_sent_twice_is_not_clipped(measure: Any, rng: Any) -> N
     again, held = measured.gyro.copy(), measured.accel.copy()
     fast = np.flatnonzero(np.abs(again[:, 1]) > 3.0)
     again[fast[1::4]] = again[fast[1::4] - 1]
-    clipped = filtered((motion.t_s, held, again), ROBUST)
+    clipped = filtered((motion.t_s, held, again), FOOT)
     held[fast[1::4]] = held[fast[1::4] - 1]
-    twice = filtered((motion.t_s, held, again), ROBUST)
+    twice = filtered((motion.t_s, held, again), FOOT)
     assert twice.memory.cov[7, 7] < clipped.memory.cov[7, 7]
 
 
-RANGE_RADPS = 2.0
+RANGE_RADPS = 4.0
 
 
 def ends_at(gyro: Any, spikes: Any, rng: Any) -> Any:
-    """Rates of a sensor that ends at 2 rad/s, with a calibration that moves its ends by a little and makes spikes."""
+    """Rates of a sensor that ends at 4 rad/s, with a calibration that moves its ends by a little and makes spikes."""
     shown = np.clip(gyro, -RANGE_RADPS, RANGE_RADPS) * (1 + rng.normal(0, 0.001, gyro.shape))
     shown[spikes, 1] *= 1.15
     return shown
@@ -444,13 +439,12 @@ def ends_at(gyro: Any, spikes: Any, rng: Any) -> Any:
 
 def test_the_end_of_the_range_is_found_under_spikes(measure: Any, rng: Any) -> None:
     """Many swings stop at one rate: that is the range, though single samples are larger; the mean excess is added."""
-    motion = walk(12)
+    motion = walk(12, tilt_rad=1.2)
     measured = measure(motion, rng)
     assert np.abs(measured.gyro[:, 1]).max() > 1.3 * RANGE_RADPS
     spikes = np.flatnonzero(np.abs(measured.gyro[:, 1]) > RANGE_RADPS)[::97]
     shown = ends_at(measured.gyro, spikes, rng)
-    params = replace(ROBUST, held_rate_radps=1.0)
-    known = filtered((motion.t_s, measured.accel, shown), params).memory.limits
+    known = filtered((motion.t_s, measured.accel, shown), FOOT).memory.limits
     assert known[2:4, 1] == pytest.approx(RANGE_RADPS, rel=0.015)
     assert (known[2:4, 2] >= 8).all() and (known[2:4, 3] > 0).all()
 
@@ -458,12 +452,11 @@ def test_the_end_of_the_range_is_found_under_spikes(measure: Any, rng: Any) -> N
 @pytest.mark.parametrize("change", [0.0, 0.05])
 def test_peaks_show_no_end_of_the_range(change: float, rng: Any) -> None:
     """Swings alike to the last digit have rounded peaks, and swings that differ have no common one."""
-    parts = [walk(1, tilt_rad=0.6 + change * (i * 7 % 12), still_s=0.3) for i in range(12)]
+    parts = [walk(1, tilt_rad=1.2 + 2 * change * (i * 7 % 12), still_s=0.3) for i in range(12)]
     gyro = np.concatenate([part.gyro for part in parts]) + rng.normal(0, 0.001, (sum(map(len, parts)), 3))
     accel = np.concatenate([part.accel for part in parts])
-    params = replace(ROBUST, held_rate_radps=1.0)
-    limits = filtered((np.arange(len(gyro)) / 200.0, accel, gyro), params).memory.limits
-    assert limits[2:4, 1].min() > 1.0
+    limits = filtered((np.arange(len(gyro)) / 200.0, accel, gyro), FOOT).memory.limits
+    assert limits[2:4, 1].min() > 3.0
     assert not ((limits[:, 2] >= 8) & (limits[:, 3] > 0)).any()
 
 
@@ -487,8 +480,8 @@ def test_the_tilt_at_the_start_is_that_of_the_accelerometers_bias(rng: Any) -> N
     """Taking the bias off, with the rotation that goes with it, leaves the specific force pointing up."""
     for up in rng.normal(size=(5, 3)):
         force, bias = GRAVITY_MPS2 * up / np.linalg.norm(up), rng.normal(0, 0.02, 3)
-        memory = level(0.0, np.tile(force + bias, (20, 1)), DOUBTING)
-        tilt = memory.cov[6:9, 9:12] @ bias / DOUBTING.accel_bias_mps2**2
+        memory = level(0.0, np.tile(force + bias, (20, 1)), FOOT)
+        tilt = memory.cov[6:9, 9:12] @ bias / FOOT.accel_bias_mps2**2
         world = to_world(memory.x[6:10], force)
         np.testing.assert_allclose((world + np.cross(tilt, world))[:2], 0.0, atol=1e-3)
         assert np.abs(world[:2]).max() > 5e-3

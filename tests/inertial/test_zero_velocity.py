@@ -117,11 +117,12 @@ def test_only_a_foot_that_stands_still_has_an_angular_rate_of_zero() -> None:
 
 
 def test_softness() -> None:
-    soft = replace(DETECTORS["soft"], sigma_mps=0.03, lever_m=0.2, knee=1e5, threshold=2e6)
-    assert soft_sigma(np.zeros(1), np.array([0.2]), soft)[0] == pytest.approx(0.05)  # 3, 4, 5
-    assert soft_sigma(np.array([1e5]), np.array([0.2]), soft)[0] == pytest.approx(0.10)  # halved at the knee
-    assert np.isinf(soft_sigma(np.array([2e6]), np.zeros(1), soft)[0])
-    assert (np.diff(soft_sigma(np.geomspace(1.0, 1e6, 40), np.linspace(0, 3, 40), soft)) > 0).all()
+    soft = replace(DETECTORS["soft"], sigma_mps=0.03, lever_m=0.2, threshold=2e6)
+    knee = np.full(1, 1e5)
+    assert soft_sigma(np.zeros(1), np.array([0.2]), soft, knee)[0] == pytest.approx(0.05)  # 3, 4, 5
+    assert soft_sigma(np.array([1e5]), np.array([0.2]), soft, knee)[0] == pytest.approx(0.10)  # halved at the knee
+    assert np.isinf(soft_sigma(np.array([2e6]), np.zeros(1), soft, knee)[0])
+    assert (np.diff(soft_sigma(np.geomspace(1.0, 1e6, 40), np.linspace(0, 3, 40), soft, knee)) > 0).all()
 
 
 def test_a_faster_sensor_is_not_more_certain() -> None:
@@ -142,7 +143,7 @@ def test_how_long_something_has_held(rng: Any) -> None:
 
 
 def test_settings_that_cannot_be() -> None:
-    for wrong in ({"threshold": -1.0}, {"window_s": 0.0}, {"sigma_mps": np.nan}, {"knee": np.inf}):
+    for wrong in ({"threshold": -1.0}, {"window_s": 0.0}, {"sigma_mps": np.nan}, {"lowest_knee": np.inf}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             replace(DETECTORS["soft"], **wrong)
     with pytest.raises(ValueError, match="no statistic"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import UnknownNameError
-from pdrbench.inertial import ADAPTIVE, LITERAL, Rest, navigate
+from pdrbench.inertial import LITERAL, FootParams, Rest, navigate
 from pdrbench.inertial.foot_motion import walk
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import PROFILES, DeviceError, ImuProfile, SensorErrors, imu_profile
@@ -404,7 +404,7 @@ def test_the_foot_filter_works_on_measurements_of_a_unit():
     at rest: 0.9 degrees, which move the end of the walk by about way * angle / sqrt(3) = 0.45 m.
     """
     motion = walk(40, turn_rad=0.05, still_s=60.0, rate_hz=480.0)
-    params = replace(ADAPTIVE, unit_height_m=0.0)  # the foot of this motion does not roll
+    params = FootParams(unit_height_m=0.0)  # the foot of this motion does not roll
     off_m = []
     for seed in range(6):
         measured = calibrated(measure(PROFILES["mtx18"], Measured(motion.t_s, motion.accel, motion.gyro), seed), 58.0)

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt, welch
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.inertial import ADAPTIVE, LITERAL, find_strides, navigate
+from pdrbench.inertial import LITERAL, FootParams, find_strides, navigate
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
 from pdrbench_sim.foot.foot import UNIT_HEIGHT_M, foot_motion
 from pdrbench_sim.foot.shape import GaitShape, gait_shape
@@ -182,7 +182,7 @@ def test_the_filter_finds_the_strides(hall: Building, rng: np.random.Generator) 
     rests = straight(21, first_s=1.2)
     motion = foot_motion(hall, rests, rng, end_s=27.0)
     accel, gyro = motion.ideal_signals()
-    found = find_strides(navigate(motion.t_s[::2], accel[::2], gyro[::2], ADAPTIVE))
+    found = find_strides(navigate(motion.t_s[::2], accel[::2], gyro[::2]))
     assert len(found.length_m) == 21
     assert np.median(found.length_m) == pytest.approx(1.3, abs=0.03)
 
@@ -222,7 +222,7 @@ def test_the_adaptive_filter_is_not_misled_by_stances(hall: Building) -> None:
         motion = foot_motion(hall, straight(24), np.random.default_rng(seed), end_s=30.0)
         accel, gyro = motion.ideal_signals()
         signals = motion.t_s[::2], accel[::2], gyro[::2]
-        for name, params in (("literal", LITERAL), ("adaptive", ADAPTIVE)):
+        for name, params in (("literal", LITERAL), ("adaptive", FootParams())):
             states = navigate(*signals, params)
             moved = states.position_m[-1] - states.position_m[np.isfinite(states.x[:, 0])][0]
             found[name].append(np.hypot(*moved[:2]) / (24 * 1.3) - 1)

@@ -8,7 +8,7 @@ import pytest
 
 from pdrbench.building import Building
 from pdrbench.errors import UnknownNameError
-from pdrbench.inertial import ADAPTIVE, navigate, phone_heading_rad
+from pdrbench.inertial import navigate, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench_sim.people.route import Place, RouteError
 from pdrbench_sim.record import (
@@ -73,7 +73,7 @@ def test_the_carried_phone_does_not_change_the_path(scene):
 
 def test_the_unit_on_the_foot_leads_back_to_its_own_reference(on_foot):
     accel, gyro = on_foot.streams["accel"].rows, on_foot.streams["gyro"].rows
-    states = navigate(accel[:, 0], accel[:, 1:], gyro[:, 1:], ADAPTIVE)
+    states = navigate(accel[:, 0], accel[:, 1:], gyro[:, 1:])
     reference = on_foot.reference
     found = np.column_stack([np.interp(reference.t_s, states.t_s, column) for column in states.position_m.T])
     walked_m = np.hypot(*np.diff(reference.xy_m, axis=0).T).sum()

@@ -6,23 +6,19 @@ Frank et al. 2009, section 3, and Woodman & Harle 2008, "Tracking using a foot m
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, path_heading_rad
 from pdrbench.inertial import (
-    ADAPTIVE,
     DETECTORS,
     LITERAL,
-    ROBUST,
     FootFilter,
     FootParams,
     FootStates,
-    StrideParams,
     Strides,
     StrideSegmenter,
     check_units,
@@ -30,9 +26,8 @@ from pdrbench.inertial import (
     navigate_smoothed,
 )
 from pdrbench.inertial.pairing import SamplePairs
+from pdrbench.inertial.zero_velocity import Kind
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
-from pdrbench_baselines.foot_ins.settings import REWEIGHTED
 
 _UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands says nothing of the unit of its rate: look twice
 _MIN_TRACK_M: Final = 0.3
@@ -44,29 +39,45 @@ class FootInsParams:
 
     Attributes:
         filter: See `FootParams`.
+        detector: Name of a zero-velocity detector, in place of that of the filter: `shoe`, `are`, `mv`, `mag` of Skog
+            et al. 2010, `interval` of Frank et al. 2009 (F6), `soft` of foot_ins_robust.
         aligned_after_m: Length of the walk over which the track is turned to the heading of the start, through the
             places where the foot stood; until then along the displacement so far.
-        smooths: Revise the track when the walk is over (offline division).
         level_height_m: Rise that counts as a level.
+        revises: Whether the samples are kept, from which `revise` smooths the track.
     """
 
     filter: FootParams = LITERAL
-    aligned_after_m: float = 0.5
-    smooths: bool = False
-    level_height_m: float = 3.0
+    detector: Kind | None = None
+    aligned_after_m: float = 0.5  # ours
+    level_height_m: float = 3.0  # ours
+    revises: bool = True
+
+    def with_detector(self) -> FootParams:
+        """Settings of the filter, with the detector that is asked for."""
+        return self.filter if self.detector is None else replace(self.filter, detector=DETECTORS[self.detector])
+
+
+FOOT_INS: Final = FootInsParams()
+FOOT_INS_ROBUST: Final = FootInsParams(filter=FootParams())
 
 
 class FootIns:
     """Navigates by the accelerometer and gyroscope of a shoe.
 
+    By default with nine states and a fixed threshold on the SHOE statistic: the settings of the literature (F7, W2).
+
     The filter knows its own frame only. Where the briefing gives the heading of the start, the track is turned so that
     it leaves in that direction, as one lays a track on a map by hand; else the frame stays as it is, and
     only aligned scores mean something. A sensor that never rests leaves the estimate at the start, with a sigma that
-    grows as fast as people walk.
+    grows as fast as people walk. `revise` gives the smoothed track.
+
+    Args:
+        params: See `FootInsParams`.
     """
 
-    def __init__(self, params: FootInsParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(FootInsParams(), params, "foot_ins")
+    def __init__(self, params: FootInsParams = FOOT_INS) -> None:
+        self._params, self._filter_params = params, params.with_detector()
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro"), start=True)
@@ -76,9 +87,9 @@ class FootIns:
         assert briefing.start is not None
         self._start = briefing.start
         self._rate_hz = briefing.sensors["accel"].rate_hz or 200.0
-        self._filter = FootFilter(self._rate_hz, self._params.filter)
+        self._filter = FootFilter(self._rate_hz, self._filter_params)
         self._segmenter = StrideSegmenter()
-        self._uses_field = self._params.filter.field is not None and "mag" in briefing.sensors
+        self._uses_field = self._filter_params.field is not None and "mag" in briefing.sensors
         self._pairs = SamplePairs()
         self._rows: list[FloatArray] = []
         self._travel_rad: float | None = None
@@ -98,12 +109,12 @@ class FootIns:
             self._estimate = replace(self._estimate, sigma_m=0.05 + 1.4 * observation.now_s)
         return self._estimate
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m of the smoothed track, 20 rows a second; empty for the filters."""
-        if not self._params.smooths or self._last is None:
-            return np.zeros((0, 5))
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m of the smoothed track, 20 rows a second; None without one."""
+        if not self._params.revises or self._last is None:
+            return None
         rows = np.concatenate(self._rows)
-        states = navigate_smoothed(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._params.filter)
+        states = navigate_smoothed(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._filter_params)
         known = np.flatnonzero(np.isfinite(states.x[:, 0]))
         ticks = np.arange(states.t_s[known[0]], states.t_s[-1], 0.05)
         chosen = known[np.unique(np.searchsorted(states.t_s[known], ticks, side="right") - 1)]
@@ -111,7 +122,7 @@ class FootIns:
         xyz_m = states.position_m[chosen]
         self._is_aligned = False
         self._stood_m = np.zeros((1, 2))
-        self._align(find_strides(states, StrideParams()), xyz_m[-1])
+        self._align(find_strides(states), xyz_m[-1])
         level = self._start.level + np.rint(xyz_m[:, 2] / self._params.level_height_m)
         return np.column_stack([states.t_s[chosen], self._placed(xyz_m[:, :2]), level, states.sigma_m[chosen]])
 
@@ -128,13 +139,13 @@ class FootIns:
 
     def _remember(self, rows: FloatArray, now_s: float) -> None:
         """Keeps the samples for the smoother, and refuses other units before they have done harm."""
-        if self._params.smooths or self._num_checks < len(_UNITS_AFTER_S):
+        if self._params.revises or self._num_checks < len(_UNITS_AFTER_S):
             self._rows.append(rows)
         if self._num_checks < len(_UNITS_AFTER_S) and now_s >= _UNITS_AFTER_S[self._num_checks]:
             seen = np.concatenate(self._rows)
             check_units(seen[:, 1:4], seen[:, 4:7])
             self._num_checks += 1
-            if self._num_checks == len(_UNITS_AFTER_S) and not self._params.smooths:
+            if self._num_checks == len(_UNITS_AFTER_S) and not self._params.revises:
                 self._rows = []
 
     def _follow(self, states: FootStates) -> None:
@@ -173,60 +184,15 @@ class FootIns:
         return placed
 
 
-def literal() -> FootIns:
-    """Nine states and a fixed threshold on the SHOE statistic: the settings of the literature (F7, W2)."""
-    return FootIns()
+class FootInsRobust(FootIns):
+    """The same by a filter with one set of settings for every gait and unit; see `FootParams`.
 
+    Zero velocities are soft, and doubted as far as the filter knows the foot to move; biases, scale and lag of the
+    gyroscope, the clock and the range of the sensor are estimated on the way.
 
-def adaptive() -> FootIns:
-    """Fifteen states and soft zero velocities: one set of settings for every gait."""
-    return FootIns(FootInsParams(filter=ADAPTIVE))
+    Args:
+        params: See `FootInsParams`.
+    """
 
-
-def smoothed() -> FootIns:
-    """`adaptive` with its past revised at the end (offline division)."""
-    return FootIns(FootInsParams(filter=ADAPTIVE, smooths=True))
-
-
-def robust() -> FootIns:
-    """`adaptive` with rests, clock, range and noise estimated on line, and settings that were fitted on every set."""
-    return FootIns(FootInsParams(filter=ROBUST))
-
-
-def robust_smoothed() -> FootIns:
-    """`robust` with its past revised at the end (offline division)."""
-    return FootIns(FootInsParams(filter=ROBUST, smooths=True))
-
-
-def reweighted() -> FootIns:
-    """`robust` with zero velocities that are doubted as far as the filter knows the foot to move."""
-    return FootIns(FootInsParams(filter=REWEIGHTED))
-
-
-def reweighted_smoothed() -> FootIns:
-    """`reweighted` with its past revised at the end (offline division)."""
-    return FootIns(FootInsParams(filter=REWEIGHTED, smooths=True))
-
-
-def angular_rate() -> FootIns:
-    """The literal filter with the angular-rate energy detector."""
-    return _with_detector("are")
-
-
-def moving_variance() -> FootIns:
-    """The literal filter with the acceleration moving-variance detector."""
-    return _with_detector("mv")
-
-
-def magnitude() -> FootIns:
-    """The literal filter with the acceleration-magnitude detector."""
-    return _with_detector("mag")
-
-
-def interval() -> FootIns:
-    """The literal filter with the rest phases of Frank et al. 2009: the acceleration stays in an interval (F6)."""
-    return _with_detector("interval")
-
-
-def _with_detector(name: str) -> FootIns:
-    return FootIns(FootInsParams(filter=replace(LITERAL, detector=DETECTORS[name])))
+    def __init__(self, params: FootInsParams = FOOT_INS_ROBUST) -> None:
+        super().__init__(params)

@@ -7,8 +7,8 @@ velocities. Behind this, both are treated alike.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -16,8 +16,8 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, path_heading_rad
 from pdrbench.inertial import (
-    ADAPTIVE,
     FootFilter,
+    FootParams,
     FootStates,
     PhoneAttitude,
     StrideSegmenter,
@@ -36,15 +36,15 @@ PHONE: Final = "phone"
 FOOT: Final = "foot"
 CARRIERS: Final = (PHONE, FOOT)
 FOOT_MIN_RATE_HZ: Final = 80.0  # ours: heel strikes ring at 40 Hz, and the filter was made for 100 Hz and more
-USUAL_FOOT_HZ: Final = 200.0  # as foot_ins-v0, where the briefing gives none
+USUAL_FOOT_HZ: Final = 200.0  # as foot_ins, where the briefing gives none
 ALIGNED_AFTER_M: Final = 0.5  # likewise
-# Ours: a third of the prior of foot_ins_adaptive-v0, by 60 training people: over 110 s headings drift by 2.3 degrees in
-# the median, 5.1 of 90 %; with all of it by 3.5 and 9.7: what a gyroscope reads at rest is not what it adds in a swing.
-FILTER: Final = replace(ADAPTIVE, gyro_bias_radps=ADAPTIVE.gyro_bias_radps / 3.0)
+# Ours: a twelfth of the prior of the filter, by 60 training people: over 110 s headings drift by 2.3 degrees in the
+# median, 5.1 of 90 %; with three times as much by 3.5 and 9.7: what a gyroscope reads at rest is not what it adds in a swing.
+FILTER: Final = FootParams(gyro_bias_radps=math.radians(0.05 / 3.0))
 BEHIND_S: Final = 0.75  # ours: the foot goes from where it was in the mean of so long, about a stride
 GOES_M: Final = 0.3  # ours: from there; a foot that stands or shuffles keeps its heading
 KEPT_S: Final = 60.0  # of times of rates, for accelerations that wait for one
-CHECKED_AT_S: Final = (5.0, 30.0)  # as foot_ins-v0: a foot that stands says nothing of the unit of its rate
+CHECKED_AT_S: Final = (5.0, 30.0)  # as foot_ins: a foot that stands says nothing of the unit of its rate
 
 
 class PhoneSource:

@@ -14,7 +14,6 @@ from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import (
-    REWEIGHTED,
     WAYS,
     LevelTracker,
     PeakStepDetector,
@@ -227,7 +226,7 @@ def _strides(walk: _Walk) -> FloatArray:
     """Strides of the newest foot filter, that of `foot_ins_robust`; what no foot does is left out."""
     pairs = SamplePairs().update(walk.rows("accel"), walk.rows("gyro"))
     try:
-        states = navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7], REWEIGHTED)
+        states = navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7])
     except RecordingError as error:
         raise RecordingError(f"stream 'stride' cannot be computed: {error}") from error
     rows, spec = find_strides(states).rows(), sensor_spec("stride")

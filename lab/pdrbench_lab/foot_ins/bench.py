@@ -15,9 +15,26 @@ import numba
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootParams, FootStates, empty_record, empty_states, level
+from pdrbench.inertial.foot_filter import LITERAL, FootParams, FootStates, empty_record, empty_states, level
 from pdrbench.inertial.foot_filter import run as run_kernel
-from pdrbench.inertial.foot_kernels import EXCESS_RADPS, MIN_AT_LIMIT, Memory, Noise
+from pdrbench.inertial.foot_kernels import (
+    BEND_FRACTION,
+    BIAS_WALK,
+    BRIDGE_S,
+    CLIPPED_EXCESS_RADPS,
+    CLIPPED_FRACTION,
+    EXCESS_RADPS,
+    GAP_S,
+    GAP_SWING_RADPS,
+    HELD_RATE_RADPS,
+    MIN_AT_LIMIT,
+    TURN_ON_RAD,
+    TURN_ON_SIGMA_RADPS,
+    TURN_ON_STILL_S,
+    WIDEST_RATE_RADPS,
+    Memory,
+    Noise,
+)
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.navigate import navigate, navigate_many
@@ -46,7 +63,7 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
     rounds = 3 if quick else 7
     strides = 30 if quick else 200
     rows = []
-    for name, params in (("filter_9", LITERAL), ("filter_15", ADAPTIVE)):
+    for name, params in (("filter_9", LITERAL), ("filter_17", FootParams())):
         tell(name)
         rows += _filter(name, params, strides, rounds)
     tell("detectors")
@@ -150,7 +167,8 @@ def _detected(
     rows = window_rows(detector.window_s, nominal_rate_hz(t_s))
     scales = (detector.sigma_accel_mps2, detector.sigma_gyro_radps, GRAVITY_MPS2)
     if kind == "soft":
-        return soft_sigma(of("shoe", accel, gyro, rows, *scales), np.linalg.norm(gyro, axis=1), detector)
+        shoe = of("shoe", accel, gyro, rows, *scales)
+        return soft_sigma(shoe, np.linalg.norm(gyro, axis=1), detector, np.full(len(shoe), detector.lowest_knee))
     return of(kind, accel, gyro, rows, *scales)
 
 
@@ -163,12 +181,12 @@ def _walks(strides: int, rounds: int) -> list[Timing]:
     def on(threads: int) -> Callable[[], Callable[[], object]]:
         def prepare() -> Callable[[], object]:
             numba.set_num_threads(threads)
-            return lambda: navigate_many(walks, ADAPTIVE)
+            return lambda: navigate_many(walks)
 
         return prepare
 
     try:
-        taken = median_s({"two": on(two), "one": on(1), "walk": lambda: lambda: navigate(*walks[0], ADAPTIVE)}, rounds)
+        taken = median_s({"two": on(two), "one": on(1), "walk": lambda: lambda: navigate(*walks[0])}, rounds)
     finally:
         numba.set_num_threads(all_threads)
     count, lasted_s = NUM_WALKS * len(walks[0][0]), float(walks[0][0][-1])
@@ -214,13 +232,13 @@ class Limits:
 
     def learn(self, now: FloatArray, before: FloatArray, earlier: FloatArray, is_fresh: bool) -> None:
         """Takes a sample (3,) and the two before it."""
-        if self._noise.clipped_excess_radps == 0:
+        if self._noise.clipped_rate_radps == math.inf:
             return
         for side, sign in enumerate((1.0, -1.0)):
             for axis in range(3):
                 at = side, axis
                 three = sign * np.array([now[axis], before[axis], earlier[axis]])
-                is_large, limit = three.min() > self._noise.held_rate_radps, self._limit_radps[at]
+                is_large, limit = three.min() > HELD_RATE_RADPS, self._limit_radps[at]
                 if is_fresh and is_large and len(set(three)) == 1 and three[0] > 0.985 * limit:
                     if three[0] > 1.015 * limit:
                         self._limit_radps[at], self._reached[at], self._balance[at] = three[0], 0, 0
@@ -229,7 +247,7 @@ class Limits:
                 held = self._held_radps[at] = max(self._held_radps[at], three.min())
                 if limit > 0 and three[0] > 0.9 * limit:
                     self._balance[at] += 1 if three[0] > 0.985 * limit else -1
-                if held > self._noise.held_rate_radps and three[0] < 0.5 * held:
+                if held > HELD_RATE_RADPS and three[0] < 0.5 * held:
                     if held > 1.015 * limit:
                         self._limit_radps[at], self._reached[at], self._balance[at] = held, 1, 0
                     elif held > 0.985 * limit:
@@ -242,11 +260,11 @@ class Limits:
         self._largest_radps = np.maximum(self._largest_radps, rate)
         side = (gyro <= 0).astype(int), axes
         is_known = (self._reached[side] >= MIN_AT_LIMIT) & (self._balance[side] > 0)
-        is_near = (rate > noise.clipped_rate_radps) & (rate > noise.clipped_fraction * self._largest_radps)
-        is_near &= self._largest_radps.max() <= noise.widest_rate_radps
+        is_near = (rate > noise.clipped_rate_radps) & (rate > CLIPPED_FRACTION * self._largest_radps)
+        is_near &= self._largest_radps.max() <= WIDEST_RATE_RADPS
         at_limit = is_known & (rate > 0.98 * self._limit_radps[side])
-        doubt = noise.clipped_sigma_radps + noise.clipped_sigma_fraction * rate
-        excess = at_limit * np.sign(gyro) * noise.clipped_excess_radps * np.exp(-rate / EXCESS_RADPS)
+        doubt = noise.clipped_sigma_fraction * rate
+        excess = at_limit * np.sign(gyro) * CLIPPED_EXCESS_RADPS * np.exp(-rate / EXCESS_RADPS)
         return np.where(at_limit | (is_near & ~is_known) | is_held, doubt, 0.0), excess
 
 
@@ -275,9 +293,9 @@ def plain_filter(
     for k in range(len(t_s)):
         # Strapdown, with the mean of both ends across a gap, and at the old velocity across a long one.
         dt = float(t_s[k] - previous[0])
-        is_gap, sample = dt > noise.gap_s, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
-        is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > noise.held_rate_radps)
-        is_held &= bool(np.any(accel[k] != previous[1:4]))
+        is_gap, sample = dt > GAP_S, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
+        is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > HELD_RATE_RADPS)
+        is_held &= bool(np.any(accel[k] != previous[1:4])) and noise.clipped_rate_radps < math.inf
         mean, jumps, before = sample, np.zeros(size), previous
         if is_gap or noise.takes_mean:
             mean = (sample + before) / 2
@@ -287,7 +305,7 @@ def plain_filter(
             if 0.5 * dt < before_s < 2 * dt:
                 bends = bends - (before[1:] - earlier_sample)
             squares = [np.sum(np.square(bends[i : i + 3])) for i in (0, 3)]
-            jumps[3:9] = np.repeat((noise.bend_fraction * dt) ** 2 / 3 * np.array(squares), 3)
+            jumps[3:9] = np.repeat((BEND_FRACTION * dt) ** 2 / 3 * np.array(squares), 3)
         doubt_radps = np.zeros(3)
         limits.learn(gyro[k], before[4:7], earlier_sample[3:6], bool(np.any(accel[k] != before[1:4])))
         if not is_gap:
@@ -299,44 +317,35 @@ def plain_filter(
         if size == 17:
             rate = (1 - x[16]) * rate + x[17] * change
         x[0:3] += dt * x[3:6]
-        if dt > noise.bridge_s:
+        if dt > BRIDGE_S:
             force, c = np.zeros(3), _matrix(x[6:10])
         else:
             half_turn = _of_rotation(0.5 * dt * rate)
             middle = _product(x[6:10], half_turn)
             c, x[6:10] = _matrix(middle), _product(middle, half_turn)
             force = c @ (mean[1:4] - x[10:13])
-            motion = force - [0.0, 0.0, noise.gravity_mps2]
+            motion = force - [0.0, 0.0, GRAVITY_MPS2]
             x[0:3] += 0.5 * dt**2 * motion
             x[3:6] += dt * motion
         # Covariance of the error (position, velocity, turn of the world frame, biases).
         f = np.eye(size)
         f[0:3, 3:6], f[3:6, 6:9] = dt * np.eye(3), -dt * _cross_matrix(force)
-        if size >= 15:
-            f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
         if size == 17:
+            f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
             f[6:9, 15], f[6:9, 16] = -dt * c @ rate, dt * c @ change
-        if is_gap and noise.gap_swing_radps > 0:
-            variances = np.zeros(3)
-        elif is_gap:
-            variances = np.square(
-                [0.5 * noise.gap_accel_mps2 * dt**2, noise.gap_accel_mps2 * dt, noise.gap_rate_radps * dt]
-            )
-        else:
-            variances = dt * np.square([0.0, noise.accel_density, noise.gyro_density])
-        variances = np.append(variances, dt * np.square([noise.accel_bias_walk, noise.gyro_bias_walk]))
+        variances = dt * np.square([0.0, noise.accel_density, noise.gyro_density]) * (not is_gap)
+        variances = np.append(variances, np.full(2, dt * BIAS_WALK**2))
         added = np.zeros((size, size))
         added[range(min(size, 15)), range(min(size, 15))] = np.repeat(variances, 3)[: min(size, 15)]
-        if noise.gap_swing_radps > 0:
-            motion = force - [0.0, 0.0, noise.gravity_mps2]
-            if is_gap:
-                now = np.square(np.concatenate([mean[4:7], motion]))
-                grown = 2 * min(dt, noise.gap_swing_radps**2 * dt**3 / 12) ** 2 * np.maximum(recent, now)
-                added[6:9, 6:9] += c @ np.diag(grown[:3]) @ c.T
-                added[range(3, 6), range(3, 6)] += grown[3:]
-                added[range(3), range(3)] += 0.25 * dt**2 * grown[3:]
-            squares_now = np.square(np.concatenate([mean[4:7] - x[13:16], motion]))
-            recent += min(dt, 1.0) * (squares_now - recent)
+        motion = force - [0.0, 0.0, GRAVITY_MPS2]
+        if is_gap:
+            now = np.square(np.concatenate([mean[4:7], motion]))
+            grown = 2 * min(dt, GAP_SWING_RADPS**2 * dt**3 / 12) ** 2 * np.maximum(recent, now)
+            added[6:9, 6:9] += c @ np.diag(grown[:3]) @ c.T
+            added[range(3, 6), range(3, 6)] += grown[3:]
+            added[range(3), range(3)] += 0.25 * dt**2 * grown[3:]
+        squares_now = np.square(np.concatenate([mean[4:7] - x[13:16], motion]))
+        recent += min(dt, 1.0) * (squares_now - recent)
         if not is_gap:
             added[6:9, 6:9] += c @ np.diag(np.square(doubt_radps * dt)) @ c.T
         cov = predicted = f @ (cov + np.diag(jumps)) @ f.T + added
@@ -347,14 +356,14 @@ def plain_filter(
             off_mps = rolling_mps - x[3:6]
             doubt = 1.0 + np.sum(off_mps**2 / (np.diag(cov)[3:6] + noise.slip_mps**2))
             out.nis[k] = update(slice(3, 6), off_mps, math.sqrt(doubt) * sigma_mps[k])
-        if size >= 15:
+        if size == 17:
             is_still = bool(np.isfinite(rate_sigma_radps[k]))
             stands = is_still and not is_gap
             still_s, turned_rad = (still_s + dt, turned_rad + dt * rate) if stands else (0.0, np.zeros(3))
-            if not is_set and still_s >= noise.turn_on_still_s and turned_rad @ turned_rad > noise.turn_on_rad**2:
+            if not is_set and still_s >= TURN_ON_STILL_S and turned_rad @ turned_rad > TURN_ON_RAD**2:
                 stages.append(Stage(k, f, predicted, error - earlier, cov))
                 sigma, off, f, earlier, is_set = (
-                    noise.turn_on_sigma_radps,
+                    TURN_ON_SIGMA_RADPS,
                     turned_rad / still_s,
                     np.eye(size),
                     error,
@@ -378,7 +387,7 @@ def plain_filter(
 
 
 def corrected(x: FloatArray, error: FloatArray) -> FloatArray:
-    """(16,) or (18,) the state plus an error (9,), (15,) or (17,)."""
+    """(16,) or (18,) the state plus an error (9,) or (17,)."""
     plus = x.copy()
     plus[:6] += error[:6]
     plus[6:10] = _product(_of_rotation(error[6:9]), x[6:10])

@@ -100,7 +100,7 @@ _DETECTORS: Final = (
         )
     ),
     *(
-        _shown("F6", f"motion capture, {key}-v0: mean ATE", "not stated", "capture_played", mean_over_walks(key), "m")
+        _shown("F6", f"motion capture, {key}: mean ATE", "not stated", "capture_played", mean_over_walks(key), "m")
         for key in ("foot_ins", "foot_ins_are", "foot_ins_mv", "foot_ins_mag", "foot_ins_interval")
     ),
     *(
@@ -272,7 +272,7 @@ _LEFT_OUT: Final = Experiment(
 )
 LEFT_OUT: Final = Reproduction(
     name="foot_left_out",
-    paper="settings of foot_ins_adaptive-v2 and -v1, fitted without the set they are measured on, and worse sensors",
+    paper="settings of foot_ins_robust, fitted without the set they are measured on, and worse sensors",
     experiments=(
         _LEFT_OUT,
         replace(_LEFT_OUT, name="disturbed", measure="pdrbench_lab.foot_ins.disturbed:disturbed"),

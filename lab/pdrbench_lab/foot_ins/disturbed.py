@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.inertial import ADAPTIVE, REWEIGHTED, ROBUST
+from pdrbench.inertial import FootParams
 from pdrbench.inertial.zero_velocity import nominal_rate_hz
 from pdrbench_lab.foot_ins.experiments import FootWalk
 from pdrbench_lab.foot_ins.left_out import available_walks, measured
@@ -20,7 +20,6 @@ RANGE_RADPS: Final = math.radians(300.0)
 SCALE: Final = 1.01
 LOW_RATE_HZ: Final = 50.0
 NUM_GAPS, GAP_S = 5, 0.1
-VERSIONS: Final = MappingProxyType({"v0": ADAPTIVE, "v1": ROBUST, "v2": REWEIGHTED})
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "captured walks and runs": ("capture", "capture_fast"),
@@ -67,29 +66,26 @@ DISTURBED: Final[Mapping[str, tuple[str, Callable[[FootWalk], FootWalk]]]] = Map
 
 
 def disturbed(seed: int) -> dict[str, Any]:
-    """Error and ANEES of every walk as of `left_out`, by version, disturbance and group; the settings stay."""
+    """Error and ANEES of every walk as of `left_out`, by disturbance and group; the settings stay."""
     strata, walks = available_walks()
     found: dict[str, Any] = {}
     for name, (_, disturb) in DISTURBED.items():
         changed = [[disturb(walk) for walk in group] for group in walks]
-        for version, params in VERSIONS.items():
-            scores = dict(zip((stratum.name for stratum in strata), measured(changed, params), strict=True))
-            for group, members in GROUPS.items():
-                rows = [scores[member] for member in members if member in scores]
-                for index, suffix in enumerate(("", "_nees")):
-                    key = f"{version}_{name}_{group}{suffix}"
-                    found[key] = np.concatenate([np.zeros(0), *(row[index] for row in rows)])
+        scores = dict(zip((stratum.name for stratum in strata), measured(changed, FootParams()), strict=True))
+        for group, members in GROUPS.items():
+            rows = [scores[member] for member in members if member in scores]
+            for index, suffix in enumerate(("", "_nees")):
+                found[f"{name}_{group}{suffix}"] = np.concatenate([np.zeros(0), *(row[index] for row in rows)])
     return found
 
 
 CLAIMS: Final = tuple(
     Claim(
-        *("F7", f"{said}; {group}, {version}: {what}", "not stated", "disturbed"),
-        *(mean_over_walks(f"{version}_{name}_{group}{suffix}"), None, unit),
+        *("F7", f"{said}; {group}: {what}", "not stated", "disturbed"),
+        *(mean_over_walks(f"{name}_{group}{suffix}"), None, unit),
     )
     for name, (said, _) in DISTURBED.items()
     for group in GROUPS
-    for version in VERSIONS
     for suffix, what, unit in (
         ("", "mean closure" if group == "loops" else "mean error", "%" if group == "loops" else "m"),
         ("_nees", "ANEES", ""),

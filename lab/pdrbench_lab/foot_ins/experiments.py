@@ -21,12 +21,11 @@ from pdrbench.datasets import find
 from pdrbench.evaluation import evaluate
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial import (
-    ADAPTIVE,
     DETECTORS,
     LITERAL,
+    FootParams,
     FootStates,
     Rest,
-    StrideParams,
     Strides,
     detect,
     find_strides,
@@ -46,8 +45,15 @@ VICON: Final = "FootVicon-v1"
 WALKS: Final = "FootWalks-v1"
 LOOPS: Final = "FootLoops-v1"
 SHORT: Final = "FootShort-v1"
-PLAYED: Final = ("foot_ins", "foot_ins_adaptive", "foot_ins_smooth")
-BY_DETECTOR: Final = ("foot_ins_are", "foot_ins_mv", "foot_ins_mag", "foot_ins_interval")
+# Names of localizers by the keys of their figures.
+PLAYED: Final = {
+    "foot_ins": "foot_ins?revises=false",
+    "foot_ins_adaptive": "foot_ins_robust?revises=false",
+    "foot_ins_smooth": "foot_ins_robust",
+}
+BY_DETECTOR: Final = {
+    f"foot_ins_{name}": f"foot_ins?detector={name}&revises=false" for name in ("are", "mv", "mag", "interval")
+}
 WALKING: Final = (31, 32, 33, 36)  # of `foot_stride_gcp`, by the number in the name of the file
 RUNNING: Final = (34, 35)
 SAME_STANCE_S: Final = 0.35  # a rest and a surveyed stride farther apart belong to two stances
@@ -114,7 +120,7 @@ def walks_of(dataset: str) -> list[FootWalk]:
 
 def capture_played(seed: int) -> dict[str, Any]:
     """Motion capture, every localizer: `ate_se2_aligned_m` of each walk."""
-    return played(VICON, (*PLAYED, *BY_DETECTOR), "ate_se2_aligned_m", seed)
+    return played(VICON, PLAYED | BY_DETECTOR, "ate_se2_aligned_m", seed)
 
 
 def walks_played(seed: int) -> dict[str, Any]:
@@ -133,7 +139,7 @@ def walks_played(seed: int) -> dict[str, Any]:
 def loops_played(seed: int) -> dict[str, Any]:
     """Loops: `loop_closure_pct` of each walk, and the closure of the filters in height."""
     found = played(LOOPS, PLAYED, "loop_closure_pct", seed)
-    for name, params in (("literal", LITERAL), ("adaptive", ADAPTIVE)):
+    for name, params in (("literal", LITERAL), ("adaptive", FootParams())):
         ends_m = np.array([closure_m(navigate(*walk.rows, params)) for walk in walks_of("foot_loops")])
         found[f"{name}_flat_m"], found[f"{name}_height_m"] = np.hypot(ends_m[:, 0], ends_m[:, 1]), np.abs(ends_m[:, 2])
     return found
@@ -142,7 +148,7 @@ def loops_played(seed: int) -> dict[str, Any]:
 def short_played(seed: int) -> dict[str, Any]:
     """One loop of 25 m: closure, of the localizers in the plane and of the filters in space."""
     found = played(SHORT, PLAYED, "loop_closure_pct", seed)
-    for name, params in (("literal", LITERAL), ("adaptive", ADAPTIVE)):
+    for name, params in (("literal", LITERAL), ("adaptive", FootParams())):
         ends_m = np.array([closure_m(navigate(*walk.rows, params)) for walk in walks_of("foot_short")])
         found[f"{name}_flat_m"] = np.hypot(ends_m[:, 0], ends_m[:, 1])
         found[f"{name}_m"] = np.linalg.norm(ends_m, axis=1)
@@ -168,7 +174,7 @@ def capture_labels(seed: int) -> dict[str, Any]:
             found[f"{name}_m"].append(rmse_m(states, walk.reference))
             if name == "shoe":
                 found["literal_axis_m"].append(per_axis_m(states, walk.reference))
-        found["adaptive_m"].append(rmse_m(navigate(*walk.rows, ADAPTIVE), walk.reference))
+        found["adaptive_m"].append(rmse_m(navigate(*walk.rows), walk.reference))
         found["smoothed_m"].append(rmse_m(navigate_smoothed(*walk.rows, LITERAL), walk.reference))
         found["published_m"].append(published.error_m["shoe"])
     arrays = _arrays(found)
@@ -187,7 +193,7 @@ def capture_consistency(seed: int) -> dict[str, Any]:
     """Motion capture: whether errors and innovations are as large as the filter says; 1 is consistent."""
     found: dict[str, list[float]] = defaultdict(list)
     for walk in walks_of("foot_vicon"):
-        for name, params in (("literal", LITERAL), ("adaptive", ADAPTIVE)):
+        for name, params in (("literal", LITERAL), ("adaptive", FootParams())):
             states = navigate(*walk.rows, params)
             found[f"{name}_nees"].append(float(np.mean(nees(states, walk.reference))))
             found[f"{name}_nis"].append(float(np.nanmean(states.nis)) / 3)
@@ -204,9 +210,9 @@ def strides_measured(seed: int) -> dict[str, Any]:
     growth: dict[str, list[float]] = defaultdict(list)
     for walk in walks_of("foot_stride_gcp"):
         group = "runs" if walk.number in RUNNING else "walks"
-        for name, params in (("rolling", ADAPTIVE), ("still", replace(ADAPTIVE, unit_height_m=0.0))):
+        for name, params in (("rolling", FootParams()), ("still", FootParams(unit_height_m=0.0))):
             states = navigate(*walk.rows, params)
-            pairs = matched(find_strides(states, StrideParams()), walk.reference)
+            pairs = matched(find_strides(states), walk.reference)
             found[f"{name}_{group}_m"].append(pairs[:, 0] - pairs[:, 1])
             found[f"{name}_{group}_share"].append(pairs[:, 0] / pairs[:, 1] - 1)
             if name == "rolling":
@@ -214,7 +220,7 @@ def strides_measured(seed: int) -> dict[str, Any]:
                 found[f"found_{group}"].append(np.array([len(pairs) / (len(walk.reference) - 1)]))
         if group == "walks":
             states = navigate(*walk.rows, LITERAL)
-            pairs = matched(find_strides(states, StrideParams()), walk.reference)
+            pairs = matched(find_strides(states), walk.reference)
             growth["length_r2"].append(straightness(np.cumsum(pairs[:, 0] - pairs[:, 1])))
             growth["growth_exponent"].append(growth_exponent(states, walk.reference))
     errors = {name: np.concatenate(parts) for name, parts in found.items()}
@@ -237,9 +243,7 @@ def step_sensor(seed: int) -> dict[str, Any]:
     motion = synthetic_walk(20, length_m=length_m)
     c, s = math.cos(TURNED_BY_RAD), math.sin(TURNED_BY_RAD)
     into_body = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # of a unit turned clockwise
-    strides = find_strides(
-        navigate(motion.t_s, motion.accel @ into_body.T, motion.gyro @ into_body.T, LITERAL), StrideParams()
-    )
+    strides = find_strides(navigate(motion.t_s, motion.accel @ into_body.T, motion.gyro @ into_body.T, LITERAL))
     raw, mended = strides.steps(), strides.steps(TURNED_BY_RAD)
     return {
         "raw_lateral_share": np.abs(raw[:, 1]) / length_m,
@@ -249,16 +253,16 @@ def step_sensor(seed: int) -> dict[str, Any]:
     }
 
 
-def played(env: str, localizers: Sequence[str], metric: str, seed: int) -> dict[str, Any]:
-    """(W,) a metric of each walk of an environment, by localizer without its version, and how many walks failed.
+def played(env: str, localizers: Mapping[str, str], metric: str, seed: int) -> dict[str, Any]:
+    """(W,) a metric of each walk of an environment, by localizer, and how many walks failed.
 
     Through the ordinary evaluation. The localizers draw nothing, so that the seed does not matter.
     """
-    results = evaluate([f"{name}-v0" for name in localizers], env, split="test", seeds=1, isolation="none")
+    results = evaluate(list(localizers.values()), env, split="test", seeds=1, isolation="none")
     walks = results.walks()
     order = list(make_task(env).walks["test"])
     table = walks.pivot(index="walk", columns="localizer", values=metric).loc[order]
-    found: dict[str, Any] = {name: table[f"{name}-v0"].to_numpy(np.float64) for name in localizers}
+    found: dict[str, Any] = {key: table[name].to_numpy(np.float64) for key, name in localizers.items()}
     num_failed = int((walks["status"] == FAILED).sum())
     smooth, online = found["foot_ins_smooth"], found["foot_ins_adaptive"]
     found |= {"failed": num_failed, "smoothed_share": float(np.mean(smooth) / np.mean(online))}

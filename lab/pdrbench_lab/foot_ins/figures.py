@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, StrideParams, find_strides, navigate, navigate_smoothed
+from pdrbench.inertial import LITERAL, FootParams, FootStates, find_strides, navigate, navigate_smoothed
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.picture.trail import REFERENCE, draw_trail, estimate_style
 from pdrbench.report.panels import panels, save_figures
@@ -32,8 +32,8 @@ SHOWN_S: Final = 3.0  # of a detector's statistic
 LONG_M: Final = 0.7  # the heading of a shorter stride is noise
 FILTERS: Final[Mapping[str, Callable[[FootWalk], FootStates]]] = {
     "literal": lambda walk: navigate(*walk.rows, LITERAL),
-    "adaptive": lambda walk: navigate(*walk.rows, ADAPTIVE),
-    "smoothed": lambda walk: navigate_smoothed(*walk.rows, ADAPTIVE),
+    "adaptive": lambda walk: navigate(*walk.rows),
+    "smoothed": lambda walk: navigate_smoothed(*walk.rows),
 }
 
 Measured = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -168,10 +168,10 @@ def _lengths(walks: Sequence[FootWalk]) -> Any:
     """Errors of the length of walking strides, with the unit at its height and as if it lay on the floor."""
     figure, (ax,) = panels(["walking strides: length found less surveyed"], x_label="m", y_label="strides")
     edges = np.arange(-0.1, 0.1, 0.005).tolist()
-    settings = {"the foot rolls below the unit": ADAPTIVE, "velocity of zero": replace(ADAPTIVE, unit_height_m=0.0)}
+    settings = {"the foot rolls below the unit": FootParams(), "velocity of zero": FootParams(unit_height_m=0.0)}
     for index, (name, params) in enumerate(settings.items()):
         pairs = [
-            matched(find_strides(navigate(*walk.rows, params), StrideParams()), walk.reference)
+            matched(find_strides(navigate(*walk.rows, params)), walk.reference)
             for walk in walks
             if walk.number not in RUNNING
         ]
@@ -192,7 +192,7 @@ def _headings(walks: Sequence[FootWalk]) -> Any:
     )
     for ax, is_run in zip(axes, (False, True), strict=True):
         for index, walk in enumerate(walk for walk in walks if (walk.number in RUNNING) == is_run):
-            pairs = matched(find_strides(FILTERS["adaptive"](walk), StrideParams()), walk.reference)
+            pairs = matched(find_strides(FILTERS["adaptive"](walk)), walk.reference)
             error_deg = np.degrees(np.cumsum(pairs[:, 2]))
             error_deg = np.where(pairs[:, 1] > LONG_M, error_deg - np.median(error_deg), np.nan)
             style = estimate_style(index)
@@ -205,7 +205,7 @@ def _headings(walks: Sequence[FootWalk]) -> Any:
 def _consistency(walks: Sequence[FootWalk]) -> Any:
     """NEES of every trial, literal and adaptive; 1 is consistent."""
     figure, (ax,) = panels(["motion capture: NEES of the position"], x_label="trial, sorted", y_label="NEES / 2")
-    for index, (name, params) in enumerate((("literal", LITERAL), ("adaptive", ADAPTIVE))):
+    for index, (name, params) in enumerate((("literal", LITERAL), ("adaptive", FootParams()))):
         values = sorted(float(np.mean(nees(navigate(*walk.rows, params), walk.reference))) for walk in walks)
         style = estimate_style(index)
         ax.semilogy(values, color=style.colour, marker=style.marker, markersize=4, label=name)

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numba
@@ -22,7 +21,7 @@ from scipy.stats import chi2
 
 from pdrbench.datasets import is_available
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import REWEIGHTED, ROBUST, FootParams, navigate
+from pdrbench.inertial import FootParams, navigate
 from pdrbench_lab.foot_ins.experiments import (
     FootWalk,
     closure_m,
@@ -35,28 +34,9 @@ from pdrbench_lab.reproduce.reproduction import Claim, Gate, Value, largest_over
 Settings = tuple[float, ...]
 
 
-class Version(NamedTuple):
-    """A version of the filter.
-
-    Attributes:
-        params: Its settings; those that are not free are from data sheets or from physics, see there.
-        grids: Of the free ones, in the order of `params_of`.
-        start: Where the search begins.
-    """
-
-    params: FootParams
-    grids: tuple[tuple[float, ...], ...]
-    start: Settings
-
-
 FREE: Final = ("knee_fraction", "clipped_sigma_fraction")
-_CLIPPED: Final = (0.35, 0.7, 1.4)
-VERSIONS: Final[Mapping[str, Version]] = MappingProxyType(
-    {
-        "v1": Version(ROBUST, ((0.003, 0.006, 0.012), _CLIPPED), (0.006, 1.4)),
-        "v2": Version(REWEIGHTED, ((0.006, 0.012, 0.024, 0.048), _CLIPPED), (0.012, 1.4)),
-    }
-)
+GRIDS: Final = ((0.006, 0.012, 0.024, 0.048), (0.35, 0.7, 1.4))  # of the free settings, in the order of `FREE`
+START: Final = (0.012, 1.4)  # where the search begins
 SWEEPS: Final = 2
 CONSISTENT: Final = (0.5, 2.0)  # ANEES of a filter whose sigma is as large as its errors
 LOOP_SIGMA_M: Final = 0.01  # a loop closes to a centimetre
@@ -94,35 +74,25 @@ STRATA: Final = (
 SETS: Final = tuple(dict.fromkeys(stratum.held_out for stratum in STRATA))
 
 
-def params_of(version: Version, settings: Settings) -> FootParams:
+def params_of(settings: Settings) -> FootParams:
     """The filter with some settings, in the order of `FREE`."""
     knee, clipped = settings
-    detector = replace(version.params.detector, knee_fraction=knee)
-    return replace(version.params, detector=detector, clipped_sigma_fraction=clipped)
+    detector = replace(FootParams().detector, knee_fraction=knee)
+    return FootParams(detector=detector, clipped_sigma_fraction=clipped)
 
 
 def left_out(seed: int) -> dict[str, Any]:
-    """By version error and ANEES of every walk by stratum: `v2_left_NAME`, `v2_fitted_NAME`; with `_nees`, consistency.
+    """Error and ANEES of every walk by stratum: `left_NAME`, `fitted_NAME`; with `_nees`, consistency.
 
     The error is the root mean square of the horizontal distance after SE(2) alignment in metres, of a loop the closure
     in percent of the way. Nothing is drawn: the seed does not matter.
     """
     strata, walks = available_walks()
-    found: dict[str, Any] = {}
-    for name, version in VERSIONS.items():
-        found |= {f"{name}_{key}": value for key, value in _left_out(version, strata, walks).items()}
-    return found
-
-
-def _left_out(
-    version: Version, strata: Sequence[Stratum], walks: Sequence[Sequence[FootWalk]]
-) -> dict[str, FloatArray | float]:
-    """`left_out` of one version."""
-    measure = functools.cache(lambda settings: measured(walks, params_of(version, settings)))
-    fitted = fit(measure, version, strata, "")
+    measure = functools.cache(lambda settings: measured(walks, params_of(settings)))
+    fitted = fit(measure, strata, "")
     found: dict[str, Any] = {f"setting_{name}": value for name, value in zip(FREE, fitted, strict=True)}
     for held_out in dict.fromkeys(stratum.held_out for stratum in strata):
-        for kind, settings in (("left", fit(measure, version, strata, held_out)), ("fitted", fitted)):
+        for kind, settings in (("left", fit(measure, strata, held_out)), ("fitted", fitted)):
             for stratum, (error, consistency) in zip(strata, measure(settings), strict=True):
                 if stratum.held_out == held_out:
                     found[f"{kind}_{stratum.name}"], found[f"{kind}_{stratum.name}_nees"] = error, consistency
@@ -142,18 +112,17 @@ def _left_out(
 Measure = Callable[[Settings], Sequence[tuple[FloatArray, FloatArray]]]
 
 
-def fit(measure: Measure, version: Version, strata: Sequence[Stratum], held_out: str) -> Settings:
+def fit(measure: Measure, strata: Sequence[Stratum], held_out: str) -> Settings:
     """The best settings on all sets but one: coordinate search, `SWEEPS` times.
 
     Args:
         measure: Errors and ANEES of the walks of each stratum with some settings.
-        version: Has the grids, and where to begin.
         strata: See `STRATA`.
         held_out: The set that is not looked at; "" to fit on all.
     """
-    best = version.start
+    best: Settings = START
     for _ in range(SWEEPS):
-        for index, grid in enumerate(version.grids):
+        for index, grid in enumerate(GRIDS):
             tried = [(*best[:index], value, *best[index + 1 :]) for value in grid]
             best = min(tried, key=lambda settings: loss(measure(settings), strata, held_out))
     return best
@@ -204,10 +173,10 @@ def _scores(walk: FootWalk, params: FootParams) -> tuple[float, float]:
     return 100 * float(np.hypot(*gap_m)) / way_m, float(gap_m @ np.linalg.solve(cov, gap_m)) / 2
 
 
-def _claims(version: str, is_newest: bool) -> tuple[Claim, ...]:
+def _claims() -> tuple[Claim, ...]:
     """Of each figure the left-out one, with its gate, and the one of the settings that were fitted on every set."""
     rows: list[tuple[str, str, Value, Gate | None, str]] = []
-    kinds = ((f"{version}_left", f"{version}, left out", is_newest), (f"{version}_fitted", f"{version}, fitted", False))
+    kinds = (("left", "left out", True), ("fitted", "fitted", False))
     for key, what, gate, unit in (
         ("all_capture", "motion capture, all gaits: mean error", 0.10, "m"),
         ("lifts", "foot lifted high and lowered slowly: mean error", 0.15, "m"),
@@ -229,12 +198,11 @@ def _claims(version: str, is_newest: bool) -> tuple[Claim, ...]:
             key = f"{kind}_nees_{held_out.replace(' ', '_')}"
             gated = Gate(*CONSISTENT) if is_gated and held_out != "short" else None
             rows.append((said, f"{held_out}: ANEES", mean_over_walks(key), gated, ""))
-    rows += [(kinds[1][1], name, largest_over_seeds(f"{version}_setting_{name}"), None, "") for name in FREE]
+    rows += [(kinds[1][1], name, largest_over_seeds(f"setting_{name}"), None, "") for name in FREE]
     return tuple(
         Claim("F7", f"{what}, {said}", "not stated", "left_out", value, gate, unit)
         for said, what, value, gate, unit in rows
     )
 
 
-# The gates are those of the newest version; what the one before has is shown.
-CLAIMS: Final = (*_claims("v2", True), *_claims("v1", False))
+CLAIMS: Final = _claims()

@@ -6,14 +6,14 @@ The inequality on the distance is that of Skog, Nilsson, Zachariah, Handel (IPIN
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, path_heading_rad, wrap_rad
-from pdrbench.inertial import REWEIGHTED, FootFilter, FootParams, FootStates, StrideSegmenter, check_units
+from pdrbench.inertial import FootFilter, FootParams, FootStates, StrideSegmenter, check_units
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.localizer import Briefing, Estimate, Observation
 
@@ -39,7 +39,7 @@ class FootPairParams:
         apart_sigma_m: How far apart the feet stand at the start, per axis.
     """
 
-    filter: FootParams = REWEIGHTED
+    filter: FootParams = field(default_factory=FootParams)
     max_step_m: float = 0.9
     step_sigma_m: float = 0.05
     stride_sigma_m: float = 0.015

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, path_heading_rad, wrap_rad
-from pdrbench.inertial import ROBUST, find_strides, navigate
+from pdrbench.inertial import find_strides, navigate
 from pdrbench_lab.foot_ins.experiments import LOOPS, units_of, walks_of
 from pdrbench_lab.footslam.cloud import ADAPTIVE_FILTER, OdometryNoise, SlamCloud, SlamParams
 
@@ -86,7 +86,7 @@ def recorded_rounds() -> list[Round]:
     """The loops of `foot_loops`, each in the frame of its own navigation."""
     rounds = []
     for walk in walks_of("foot_loops"):
-        strides = find_strides(navigate(*walk.rows, ROBUST))
+        strides = find_strides(navigate(*walk.rows))
         way_m = np.concatenate([strides.start_xyz_m[:1, :2], strides.end_xyz_m[:, :2]])
         way_m = way_m - way_m[0]
         rounds.append(Round(strides.length_m, strides.heading_rad, closed(way_m)))

@@ -10,9 +10,8 @@ import numpy as np
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray, path_heading_rad, wrap_rad
-from pdrbench.inertial import ROBUST, FootFilter, Strides, StrideSegmenter, check_units
+from pdrbench.inertial import FootFilter, Strides, StrideSegmenter, check_units
 from pdrbench.inertial.pairing import SamplePairs
-from pdrbench.inertial.strides import WHOLE_SWINGS
 from pdrbench.localizer import Briefing, Observation
 
 ALIGNED_AFTER_M: Final = 0.5  # as the localizers of `foot_ins`
@@ -58,8 +57,8 @@ class FootUnit:
     """
 
     def __init__(self, rate_hz: float) -> None:
-        self._filter, self._pairs = FootFilter(rate_hz, ROBUST), SamplePairs()
-        self._segmenter = StrideSegmenter(WHOLE_SWINGS)
+        self._filter, self._pairs = FootFilter(rate_hz), SamplePairs()
+        self._segmenter = StrideSegmenter()
         self._rows: list[FloatArray] = []
         self._is_checked = False
         self._way_m: FloatArray = np.zeros((0, 2))

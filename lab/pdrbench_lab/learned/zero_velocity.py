@@ -6,7 +6,6 @@ Kelly (IEEE Sensors Journal 20(2), 2019). Only the detector differs from `foot_i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final
@@ -17,7 +16,7 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, FootFilter, FootParams, FootStates, Rest
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.foot_ins.localizer import FootIns, FootInsParams
+from pdrbench_baselines.foot_ins.localizer import FOOT_INS, FootIns, FootInsParams
 from pdrbench_lab.learned.threads import INSTALL, one_thread
 
 if TYPE_CHECKING:
@@ -105,22 +104,20 @@ class LstmFootFilter(FootFilter):
 
 
 class FootInsLstm(FootIns):
-    """`foot_ins-v0` with the detector of the network; needs a unit on the foot, as that.
+    """`foot_ins` with the detector of the network; needs a unit on the foot, as that.
 
     Args:
-        params: `FootInsParams` or some of its fields.
+        params: See `FootInsParams`.
         weights: Name of weights that come with pdrbench, or a file that `zero_velocity_train` wrote.
     """
 
-    def __init__(
-        self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str = "foot_ins_lstm"
-    ) -> None:
+    def __init__(self, params: FootInsParams = FOOT_INS, *, weights: str = "foot_ins_lstm") -> None:
         super().__init__(params)
         self._network = load_network(weights)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         super().reset(briefing, rng)
-        params = self._params.filter
+        params = self._filter_params
         detector = LstmRestDetector(self._network, params.detector.sigma_mps)
         self._filter = LstmFootFilter(self._rate_hz, params, detector)
 

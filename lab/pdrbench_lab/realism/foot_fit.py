@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import ADAPTIVE, FootStates, StrideParams, find_strides, navigate_smoothed
+from pdrbench.inertial import FootStates, find_strides, navigate_smoothed
 from pdrbench.inertial.quaternions import multiply, twist_rad
 from pdrbench.inertial.strides import Strides
 from pdrbench.io.log import Log
@@ -43,8 +43,8 @@ def shaped_strides(log: Log) -> list[tuple[FloatArray, float]]:
     Returns:
         For each stride, its `CHANNELS` over the phase (NUM_KNOTS, 6), and its horizontal length in metres.
     """
-    states = navigate_smoothed(*inertial_columns(log), ADAPTIVE)
-    strides = find_strides(states, StrideParams())
+    states = navigate_smoothed(*inertial_columns(log))
+    strides = find_strides(states)
     states = states.part(slice(int(np.argmax(np.isfinite(states.x[:, 0]))), None))
     yaw, pitch, roll = _angles(states, strides)
     low_s, high_s = _landmarks(states.t_s, pitch, strides)

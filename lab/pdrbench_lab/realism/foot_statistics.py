@@ -12,7 +12,7 @@ from scipy.signal import periodogram
 from pdrbench.datasets import find
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, StrideParams, find_strides, navigate, navigate_smoothed
+from pdrbench.inertial import LITERAL, FootParams, FootStates, find_strides, navigate, navigate_smoothed
 from pdrbench.inertial.strides import Strides
 from pdrbench.inertial.zero_velocity import DETECTORS, Rest, detect, nominal_rate_hz
 from pdrbench.io.log import Log
@@ -104,8 +104,8 @@ def foot_signals(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FootSi
     Raises:
         RecordingError: No stride was found in it.
     """
-    states = navigate_smoothed(t_s, accel, gyro, ADAPTIVE)
-    strides = find_strides(states, StrideParams())
+    states = navigate_smoothed(t_s, accel, gyro)
+    strides = find_strides(states)
     used = np.flatnonzero((strides.length_m > MIN_STRIDE_M) & (strides.end_s - strides.start_s < MAX_STRIDE_S))
     if not len(used):
         raise RecordingError("no stride was found; statistics of a foot need a walk")
@@ -160,8 +160,8 @@ def closures_pct(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[
 
     Both in percent of the way, which is that of the adaptive filter. Arguments as in `foot_signals`.
     """
-    literal, adaptive = (navigate(t_s, accel, gyro, params) for params in (LITERAL, ADAPTIVE))
-    way_m = find_strides(adaptive, StrideParams()).length_m.sum()
+    literal, adaptive = (navigate(t_s, accel, gyro, params) for params in (LITERAL, FootParams()))
+    way_m = find_strides(adaptive).length_m.sum()
     return _gap_pct(literal, way_m), _gap_pct(adaptive, way_m)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import ADAPTIVE, StrideParams, find_strides, navigate_smoothed
+from pdrbench.inertial import find_strides, navigate_smoothed
 from pdrbench_lab.realism.block import Block, Control, Distribution, Part, Values, Within, clustered, statistics
 from pdrbench_lab.realism.foot_statistics import LOOPS, ON_INSTEP, inertial_columns, recorded_logs
 from pdrbench_sim.buildings.assembly import one_room
@@ -74,8 +74,8 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
         accel: (n, 3) of a unit on a foot, m/s2.
         gyro: (n, 3) rad/s.
     """
-    states = navigate_smoothed(t_s, accel, gyro, ADAPTIVE)
-    found = find_strides(states, StrideParams())
+    states = navigate_smoothed(t_s, accel, gyro)
+    found = find_strides(states)
     if len(found.length_m) < MIN_STEADY_STRIDES:
         return float("nan"), float("nan")
     # A foot at rest has no sharp moment; a swinging one is fastest at one.

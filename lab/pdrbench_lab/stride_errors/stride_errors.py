@@ -18,14 +18,14 @@ import numpy as np
 from pdrbench import __version__
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
-from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, FootStates, StrideParams, find_strides, navigate
+from pdrbench.inertial import LITERAL, FootParams, FootStates, StrideParams, find_strides, navigate
 from pdrbench.metrics.inertial import median_slope
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
 from pdrbench.trajectory import Trajectory
 
-FILTERS: Final[Mapping[str, FootParams]] = MappingProxyType({"literal": LITERAL, "adaptive": ADAPTIVE})
+FILTERS: Final[Mapping[str, FootParams]] = MappingProxyType({"literal": LITERAL, "adaptive": FootParams()})
 MIN_STRIDE_M: Final = 0.5  # a shorter stride has no clear direction
 MIN_STRIDES: Final = 8  # of a walk: fewer show no drift
 MAX_SPEED_MPS: Final = 1.6  # median over the strides of a walk; what is faster here is a run
@@ -75,7 +75,7 @@ class WalkErrors:
 
 def at_rests(reference: Trajectory, states: FootStates) -> tuple[FloatArray, FloatArray]:
     """When each stride begins and ends as the filter has it; for a reference that knows the foot all the time."""
-    strides = find_strides(states, StrideParams())
+    strides = find_strides(states, StrideParams(settle_s=0.0, same_stance_s=0.0))
     return strides.start_s, strides.end_s
 
 

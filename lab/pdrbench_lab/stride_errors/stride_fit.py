@@ -196,7 +196,7 @@ def _foot_walk(name: str, kind: FootSet, path: Path) -> FootWalk:
     accel, gyro = log.rows["accel"], log.rows["gyro"]
     states = navigate(accel[:, 0], accel[:, 1:], gyro[:, 1:], LITERAL)
     if kind.ends is None:
-        strides = find_strides(states, StrideParams())
+        strides = find_strides(states, StrideParams(settle_s=0.0, same_stance_s=0.0))
         return closed_walk(name, (strides.end_xyz_m - strides.start_xyz_m)[:, :2])
     return surveyed_walk(name, stride_errors(log.reference, states, *kind.ends(log.reference, states)))
 

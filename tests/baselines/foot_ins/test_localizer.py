@@ -15,12 +15,11 @@ from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.registry import make_localizer
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.foot_ins import localizer as foot_ins
-from pdrbench_baselines.foot_ins.localizer import FootIns, FootInsParams
+from pdrbench_baselines.foot_ins.localizer import FootIns, FootInsParams, FootInsRobust
 
 PERIOD_S = 0.05
 START_M = np.array([3.0, -2.0])
-MAKERS = (foot_ins.literal, foot_ins.adaptive, foot_ins.smoothed)
+MAKERS = (FootIns, FootInsRobust)
 NUM_STRIDES, STRIDE_M = 12, 1.3
 
 
@@ -77,13 +76,13 @@ def test_a_given_heading_aligns_the_track(
 
 def test_the_track_is_never_far_off_the_given_heading_while_it_is_short(straight: FootMotion) -> None:
     """The first stride comes before there is a heading to align with; it must not change direction."""
-    xy_m = xy_of(walk_with(foot_ins.adaptive(), *rows_of(straight), 2.0)) - START_M
+    xy_m = xy_of(walk_with(FootInsRobust(), *rows_of(straight), 2.0)) - START_M
     aside_m = xy_m @ [-math.sin(2.0), math.cos(2.0)]
     assert np.abs(aside_m).max() < 0.35
 
 
 def test_an_unknown_heading_leaves_the_frame_of_the_unit(straight: FootMotion) -> None:
-    end_m = walk_with(foot_ins.adaptive(), *rows_of(straight), None)[-1].xy_m - START_M
+    end_m = walk_with(FootInsRobust(), *rows_of(straight), None)[-1].xy_m - START_M
     assert end_m == pytest.approx([NUM_STRIDES * STRIDE_M, 0.0], abs=0.3)  # it starts with x ahead
 
 
@@ -100,7 +99,7 @@ def test_how_the_unit_is_mounted_does_not_matter(make: Callable[[], FootIns], be
 
 def test_height_is_given_as_levels() -> None:
     climb = walk(20, length_m=0.6, rise_m=0.34)
-    answers = walk_with(foot_ins.adaptive(), *rows_of(climb), 0.0)
+    answers = walk_with(FootInsRobust(), *rows_of(climb), 0.0)
     assert answers[0].level == 0
     assert answers[-1].level == round(20 * 0.34 / FootInsParams().level_height_m)
 
@@ -116,27 +115,27 @@ def test_a_sensor_that_never_rests_stays_with_growing_sigma(make: Callable[[], F
     assert (xy_of(answers) == START_M).all()
     sigma_m = np.array([answer.sigma_m for answer in answers])
     assert (np.diff(sigma_m) > 0).all() and sigma_m[-1] > 10.0
-    assert len(localizer.revise()) == 0
+    assert localizer.revise() is None
 
 
 def test_sensors_that_sample_at_different_times_are_brought_together(bent: FootMotion) -> None:
     accel, gyro = rows_of(bent)
-    together = xy_of(walk_with(foot_ins.adaptive(), accel, gyro, 0.0))
+    together = xy_of(walk_with(FootInsRobust(), accel, gyro, 0.0))
     late_s = gyro[:, 0] + 0.0023
     late = np.column_stack([late_s, *(np.interp(late_s, gyro[:, 0], gyro[:, axis]) for axis in (1, 2, 3))])
-    apart = xy_of(walk_with(foot_ins.adaptive(), accel, late[:-1], 0.0))
+    apart = xy_of(walk_with(FootInsRobust(), accel, late[:-1], 0.0))
     assert apart[-1] == pytest.approx(together[-1], abs=0.05)
 
 
 def test_a_slower_gyroscope_will_do(bent: FootMotion) -> None:
     accel, gyro = rows_of(bent)
-    together = xy_of(walk_with(foot_ins.adaptive(), accel, gyro, 0.0))
-    slow = xy_of(walk_with(foot_ins.adaptive(), accel, gyro[::2], 0.0))
+    together = xy_of(walk_with(FootInsRobust(), accel, gyro, 0.0))
+    slow = xy_of(walk_with(FootInsRobust(), accel, gyro[::2], 0.0))
     assert slow[-1] == pytest.approx(together[-1], abs=0.2)
 
 
 def test_observations_without_rows_change_nothing(straight: FootMotion) -> None:
-    localizer = foot_ins.adaptive()
+    localizer = FootInsRobust()
     last = walk_with(localizer, *rows_of(straight), 0.0)[-1]
     nothing = {"accel": np.zeros((0, 4)), "gyro": np.zeros((0, 4))}
     assert (localizer.step(Observation(99.0, nothing)).xy_m == last.xy_m).all()
@@ -153,7 +152,7 @@ def test_other_units_are_refused_with_the_remedy(
     accel[:, 1:] *= accel_times
     gyro[:, 1:] *= gyro_times
     with pytest.raises(RecordingError, match=message):
-        walk_with(foot_ins.adaptive(), accel, gyro, 0.0)
+        walk_with(FootInsRobust(), accel, gyro, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -169,21 +168,21 @@ def test_unsuitable_environments_are_declined(sensors: tuple[str, ...], mounting
     specs = {name: sensor_spec(name) for name in sensors}
     briefing = Briefing(None, specs, PERIOD_S, Start(START_M, 0, 0.0), mounting=mounting)
     with pytest.raises(UnsuitableError, match=message):
-        foot_ins.literal().reset(briefing, np.random.default_rng(0))
+        FootIns().reset(briefing, np.random.default_rng(0))
 
 
-def test_only_the_smoother_revises(straight: FootMotion) -> None:
-    for make in (foot_ins.literal, foot_ins.adaptive):
-        localizer = make()
-        walk_with(localizer, *rows_of(straight), 0.0)
-        assert localizer.revise().shape == (0, 5)
+def test_nothing_is_revised_where_no_samples_are_kept(straight: FootMotion) -> None:
+    localizer = FootIns(FootInsParams(revises=False))
+    walk_with(localizer, *rows_of(straight), 0.0)
+    assert localizer.revise() is None
 
 
 def test_the_smoother_revises_the_whole_walk_and_keeps_the_end(bent: FootMotion) -> None:
-    localizer = foot_ins.smoothed()
+    localizer = FootInsRobust()
     answers = walk_with(localizer, *rows_of(bent), 0.7)
     revised = localizer.revise()
-    assert revised.shape[1] == 5 and np.isfinite(revised).all() and (np.diff(revised[:, 0]) > 0).all()
+    assert revised is not None and revised.shape[1] == 5 and np.isfinite(revised).all()
+    assert (np.diff(revised[:, 0]) > 0).all()
     assert revised[-1, 1:3] == pytest.approx(answers[-1].xy_m, abs=0.02)  # nothing comes after the end
     row = np.searchsorted(revised[:, 0], bent.t_s[-1] / 2)
     sigma_m = answers[round(revised[row, 0] / PERIOD_S)].sigma_m
@@ -191,11 +190,11 @@ def test_the_smoother_revises_the_whole_walk_and_keeps_the_end(bent: FootMotion)
 
 
 def test_reset_forgets_the_walk_before(straight: FootMotion, bent: FootMotion) -> None:
-    localizer = foot_ins.smoothed()
+    localizer = FootInsRobust()
     walk_with(localizer, *rows_of(bent), 1.0)
     localizer.revise()
     again = xy_of(walk_with(localizer, *rows_of(straight), 0.3))
-    fresh = xy_of(walk_with(foot_ins.smoothed(), *rows_of(straight), 0.3))
+    fresh = xy_of(walk_with(FootInsRobust(), *rows_of(straight), 0.3))
     assert (again == fresh).all()
 
 
@@ -207,5 +206,5 @@ def test_every_detector_is_a_localizer_of_its_own(name: str) -> None:
     shaken = np.random.default_rng(5).normal(0, 2, (len(accel), 3))
     accel[~brisk.is_rest, 1:] += shaken[~brisk.is_rest]
     length_m = NUM_STRIDES * STRIDE_M
-    end_m = walk_with(make_localizer(f"foot_ins_{name}-v0"), accel, gyro, 0.0)[-1].xy_m - START_M
+    end_m = walk_with(make_localizer(f"foot_ins?detector={name}"), accel, gyro, 0.0)[-1].xy_m - START_M
     assert end_m == pytest.approx([length_m, 0.0], abs=0.1 * length_m)

@@ -1,11 +1,9 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pdrbench.inertial import ADAPTIVE, DETECTORS, LITERAL, FieldParams, FootFilter, FootParams, navigate_smoothed
+from pdrbench.inertial import DETECTORS, LITERAL, FieldParams, FootFilter, FootParams, navigate_smoothed
 from pdrbench.inertial.foot_filter import run
 from pdrbench.inertial.foot_kernels import advance
 from pdrbench.inertial.foot_smoother import smooth
@@ -15,7 +13,7 @@ from pdrbench_lab.foot_ins import bench as inertial
 
 
 @pytest.mark.long(seconds=10)
-@pytest.mark.parametrize("params", [LITERAL, ADAPTIVE], ids=["9", "15"])
+@pytest.mark.parametrize("params", [LITERAL, FootParams()], ids=["9", "17"])
 def test_both_sides_do_the_same(params: FootParams) -> None:
     """A ratio is of the same work: the filter and the plain one end at the same place."""
     case = inertial._Case.of(inertial._measured(1, 1), params)
@@ -42,7 +40,7 @@ def test_nothing_is_left_to_compile_after_warming_up() -> None:
     table = np.column_stack(inertial._measured(1, 1))
     table.flags.writeable = False
     columns = (table[:, 0], table[:, 1:4], table[:, 4:7])
-    for params in (LITERAL, ADAPTIVE, replace(ADAPTIVE, field=FieldParams())):
+    for params in (LITERAL, FootParams(), FootParams(field=FieldParams())):
         navigate_smoothed(*columns, params)
         footing = FootFilter(200.0, params)
         for low in range(0, len(table), 50):
@@ -57,7 +55,7 @@ def test_nothing_is_left_to_compile_after_warming_up() -> None:
 def test_the_inertial_bench_has_its_rows() -> None:
     lines: list[str] = []
     rows = {row.name: row for row in inertial.run(True, lines.append)}
-    filters = {"filter_9", "filter_15", "smoother_9", "smoother_15"}
+    filters = {"filter_9", "filter_17", "smoother_9", "smoother_17"}
     assert {*filters, "shoe", "are", "mv", "mag", "soft", "walks_16", "real_time"} <= set(rows)
     assert lines
     for row in rows.values():

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench_lab.foot_ins.left_out import STRATA, VERSIONS, Settings, Stratum, fit, loss, params_of
+from pdrbench_lab.foot_ins.left_out import GRIDS, START, STRATA, Settings, Stratum, fit, loss, params_of
 
-KNEES = VERSIONS["v2"].grids[0]
+KNEES = GRIDS[0]
 TWO = (Stratum("one", "one", "a", "", 0.1), Stratum("two", "two", "b", "", 0.1))
 
 
@@ -21,8 +21,8 @@ def made_up(settings: Settings) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def test_the_set_that_is_left_out_has_no_say() -> None:
-    assert fit(made_up, VERSIONS["v2"], TWO, "two")[0] == KNEES[0]
-    assert fit(made_up, VERSIONS["v2"], TWO, "one")[0] == KNEES[-1]
+    assert fit(made_up, TWO, "two")[0] == KNEES[0]
+    assert fit(made_up, TWO, "one")[0] == KNEES[-1]
 
 
 def test_an_error_at_its_gate_costs_one_and_a_wrong_sigma_more() -> None:
@@ -34,12 +34,9 @@ def test_an_error_at_its_gate_costs_one_and_a_wrong_sigma_more() -> None:
     assert loss([(at_gate, np.full(3, 8.0)), (at_gate, np.ones(3))], TWO, "one") == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", VERSIONS)
-def test_settings_reach_the_filter_in_the_order_of_the_grids(name: str) -> None:
-    version = VERSIONS[name]
-    assert all(value in grid for value, grid in zip(version.start, version.grids, strict=True))
-    params = params_of(version, (0.01, 12.0))
-    assert params.slip_mps == version.params.slip_mps
+def test_settings_reach_the_filter_in_the_order_of_the_grids() -> None:
+    assert all(value in grid for value, grid in zip(START, GRIDS, strict=True))
+    params = params_of((0.01, 12.0))
     assert params.detector.knee_fraction == 0.01
     assert params.clipped_sigma_fraction == 12.0
     assert len({stratum.name for stratum in STRATA}) == len(STRATA)
