@@ -39,7 +39,8 @@ FOOT_MIN_RATE_HZ: Final = 80.0  # ours: heel strikes ring at 40 Hz, and the filt
 USUAL_FOOT_HZ: Final = 200.0  # as foot_ins, where the briefing gives none
 ALIGNED_AFTER_M: Final = 0.5  # likewise
 # Ours: a twelfth of the prior of the filter, by 60 training people: over 110 s headings drift by 2.3 degrees in the
-# median, 5.1 of 90 %; with three times as much by 3.5 and 9.7: what a gyroscope reads at rest is not what it adds in a swing.
+# median, 5.1 of 90 %; with three times as much by 3.5 and 9.7: what a gyroscope reads at rest is not
+# what it adds in a swing.
 FILTER: Final = FootParams(gyro_bias_radps=math.radians(0.05 / 3.0))
 BEHIND_S: Final = 0.75  # ours: the foot goes from where it was in the mean of so long, about a stride
 GOES_M: Final = 0.3  # ours: from there; a foot that stands or shuffles keeps its heading
