@@ -15,6 +15,7 @@ none; records without time of the sensor; lists of landmarks elsewhere have the 
 from __future__ import annotations
 
 import contextlib
+import math
 import mmap
 import re
 from collections import defaultdict
@@ -70,6 +71,7 @@ _WIFI: Final = re.compile(
     rb"(?:(\d+);)?\s*(-?\d+)[; ]*$",
     re.M,
 )
+_NUMBER: Final = re.compile(rb"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
 _DATE: Final = re.compile(
     r"creation:\s*\w{3} (\w{3}) +(\d+) (\d\d):(\d\d):(\d\d) (?:GMT|UTC)?([+-]\d\d:\d\d)? ?(\d{4})"
 )
@@ -79,13 +81,12 @@ _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep",
 @dataclass(slots=True)
 class _Parts:
     """What has been read so far: rows (T, 1 + C) by sensor, with the time of the app; the times of the sensor (T,);
-    WiFi records as arrays of lines, numbers and addresses, see `parse_wifi`, and those of another form as text; other
-    records that are not of numbers alone; and how many lines are no whole records, and the first."""
+    WiFi records as times of app and sensor, frequency, strength and address; other records that are not of numbers
+    alone; and how many lines are no whole records, and the first."""
 
     rows: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     stamps: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
-    wifi: list[tuple[IntArray, FloatArray, IntArray]] = field(default_factory=list)
-    wifi_texts: list[tuple[int, bytes]] = field(default_factory=list)
+    wifi: list[tuple[float, float, float, float, bytes]] = field(default_factory=list)
     ble: list[tuple[float, bytes, float, float]] = field(default_factory=list)
     places: list[tuple[float, float, float, float]] = field(default_factory=list)
     header: list[str] = field(default_factory=list)
@@ -134,7 +135,7 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
     for name, *_ in _KINDS.values():
         if tables := parts.rows.pop(name, None):
             streams[name] = _stream(name, tables, parts.stamps.pop(name), offset_s.get(name), tally)
-    streams["wifi"] = _wifi(parts, offset_s.get(""), tally)
+    streams["wifi"] = _wifi(parts.wifi, offset_s.get(""))
     streams["ble"] = _ble(parts.ble)
     if parts.num_damaged:
         first, record = parts.damaged
@@ -225,7 +226,6 @@ class _Workspace:
 
     rows: FloatArray
     stamps: FloatArray
-    kind: IntArray
     bounds: IntArray
 
     @classmethod
@@ -233,74 +233,74 @@ class _Workspace:
         """For a chunk of that size; memory is taken where something is written only."""
         num_records, num_lines = num_bytes // _MIN_RECORD_BYTES + 1, num_bytes // _MIN_LINE_BYTES + 1
         rows = np.empty((len(_KINDS), num_records, _MAX_VALUES))
-        return cls(rows, np.empty(rows.shape[:2]), np.empty(num_lines, np.int64), np.empty((num_lines, 3), np.int64))
+        return cls(rows, np.empty(rows.shape[:2]), np.empty((num_lines, 4), np.int64))
 
 
 def _read_chunk(
     path: Path, chunk: Buffer, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
 ) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
-    from pdrbench_formats.recordings.log_kernels import FAULT, SHORT, WIFI, parse_lines, parse_wifi
+    from pdrbench_formats.recordings.log_kernels import parse_lines
 
     counts = np.zeros(len(_CODES) + len(_SKIPPED), np.int64)
     buffer = np.frombuffer(chunk, dtype=np.uint8)
     listed, commas, num_lines = parse_lines(
-        buffer, _CODES, _FIRST, _WIDTH, _SKIPPED_CODES, space.rows, space.stamps, space.kind, space.bounds, counts
+        buffer, _CODES, _FIRST, _WIDTH, _SKIPPED_CODES, space.rows, space.stamps, space.bounds, counts
     )
     if commas:
         tally.mended["decimal commas"] += commas
-    for k, (name, _, width) in enumerate(_KINDS.values()):
-        if counts[k]:
-            parts.rows[name].append(space.rows[k, : counts[k], : 1 + width].copy())
-            parts.stamps[name].append(space.stamps[k, : counts[k]].copy())
     for unread, count in zip(_SKIPPED, counts[len(_KINDS) :].tolist(), strict=True):
         if count:
             tally.skipped[unread.decode()] += count
-    is_wifi = space.kind[:listed] == WIFI
-    wifi = space.bounds[:listed][is_wifi]
-    numbers, address = np.empty((len(wifi), 4)), np.empty(len(wifi), np.int64)
-    parse_wifi(buffer, wifi, numbers, address)
-    usual = address >= 0
-    parts.wifi.append((line + wifi[usual, 2], numbers[usual], address[usual]))
-    parts.wifi_texts += [(line + at, bytes(chunk[begin:end])) for begin, end, at in wifi[~usual].tolist()]
-    found = int(counts.sum() + is_wifi.sum())
-    others = np.flatnonzero(~is_wifi)
-    for place, kind, (begin, end, at) in zip(
-        others.tolist(), space.kind[others].tolist(), space.bounds[others].tolist(), strict=True
-    ):
+    found = int(counts.sum())
+    odd: dict[str, list[tuple[int, list[float]]]] = defaultdict(list)
+    for place, (begin, end, at, row) in enumerate(space.bounds[:listed].tolist()):
         record = bytes(chunk[begin:end])
-        if kind == SHORT:
-            found += _read_short(record, line + at, parts, tally)
-        elif kind == FAULT and not (is_last and place == listed - 1):
-            raise RecordingError(
-                f"{path}: line {line + at}: {record[:80].decode(errors='replace')!r} holds a field that is no number; "
-                f"delete the line or export it again"
-            )
-        elif kind == FAULT:
-            tally.dropped["last line cut"] += 1
-            parts.lose(line + at, record)
+        if record[:4] in _KINDS and record[4:5] == b";":
+            found += 1
+            values = _read_odd(path, record, line + at, parts, tally, is_cut=is_last and place == listed - 1)
+            if values is not None:
+                odd[_KINDS[record[:4]][0]].append((row, values))
         else:
             found += _read_other(record, line + at, parts, tally)
+    for k, (name, _, width) in enumerate(_KINDS.values()):
+        table, stamps = space.rows[k, : counts[k], : 1 + width].copy(), space.stamps[k, : counts[k]].copy()
+        if odd[name]:
+            at_rows = [row for row, _ in odd[name]]
+            table = np.insert(table, at_rows, [values[1:] for _, values in odd[name]], axis=0)
+            stamps = np.insert(stamps, at_rows, [values[0] for _, values in odd[name]])
+        if len(table):
+            parts.rows[name].append(table)
+            parts.stamps[name].append(stamps)
     return num_lines, found
 
 
-def _read_short(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
-    """Adds a record that has no time of the sensor: the numbers follow the time of the app."""
+def _read_odd(path: Path, record: bytes, line: int, parts: _Parts, tally: Tally, *, is_cut: bool) -> list[float] | None:
+    """Reads a record with blanks, exponents or many digits, or one whose numbers follow the time of the app at once.
+
+    Returns:
+        Time of the sensor, NaN where there is none, time of the app, and the numbers; None of one that is left out.
+    """
     name, first, width = _KINDS[record[:4]]
     fields = record.rstrip(b"; ").split(b";")[1:]
-    if len(fields) < first + width - 1:
+    is_whole = len(fields) >= first + width
+    if not is_whole:  # without the time of the sensor
+        fields = [*fields[:1], b"", *fields[1:]]
+    if len(fields) < first + width:
         tally.dropped[f"{name} lacks fields"] += 1
         parts.lose(line, record)
-        return 1
+        return None
     try:
-        values = [_float(field) for field in (fields[0], *fields[first - 1 : first - 1 + width])]
+        return [_number(text) for text in (fields[1], fields[0], *fields[first : first + width])]
     except ValueError:
-        tally.dropped[f"{name} cannot be read"] += 1
-        parts.lose(line, record)
-        return 1
-    parts.rows[name].append(np.array([values]))
-    parts.stamps[name].append(np.array([np.nan]))
-    return 1
+        if is_whole and not is_cut:
+            raise RecordingError(
+                f"{path}: line {line}: {record[:80].decode(errors='replace')!r} holds a field that is no number; "
+                f"delete the line or export it again"
+            ) from None
+    tally.dropped["last line cut" if is_whole else f"{name} cannot be read"] += 1
+    parts.lose(line, record)
+    return None
 
 
 def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
@@ -311,7 +311,9 @@ def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
         return 0
     name = record[:4]
     try:
-        if name == b"BLE4":
+        if name == b"WIFI" and record[4:5] == b";":
+            parts.wifi.append(_parse_wifi(record))
+        elif name == b"BLE4":
             parts.ble.append(_parse_ble(record))
         elif name == b"POSI":
             parts.places.append(_parse_place(record))
@@ -331,6 +333,25 @@ def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
 
 def _float(text: bytes) -> float:
     return float(text.replace(b",", b"."))
+
+
+def _number(text: bytes) -> float:
+    """A number in digits; NaN where the field is empty or says so."""
+    text = text.strip()
+    if not text or text.lower() == b"nan":
+        return math.nan
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(text)
+    return _float(text)
+
+
+def _parse_wifi(record: bytes) -> tuple[float, float, float, float, bytes]:
+    """Times of app and sensor (NaN where it is not given), frequency (0 where it is not given), strength, address."""
+    match = _WIFI.match(record)
+    if match is None:
+        raise ValueError("no address and strength")
+    app_s, sensor_s, address, frequency, strength = match.groups(b"")
+    return _float(app_s), _float(sensor_s or b"nan"), _float(frequency or b"0"), _float(strength), address
 
 
 def _parse_ble(record: bytes) -> tuple[float, bytes, float, float]:
@@ -399,8 +420,6 @@ def _stream(
         moved_s = np.concatenate(stamps) + offset_s
         off_s = rows[:, 0] - moved_s
         if not (off_s.max() <= MAX_LAG_S and off_s.min() >= -MAX_LAG_S):  # NaN where there is no time of the sensor
-            order = np.argsort(rows[:, 0], kind="stable")  # such rows were put behind the others of their chunk
-            rows, moved_s = rows[order], moved_s[order]
             late = ~(np.abs(moved_s - rows[:, 0]) <= MAX_LAG_S)
             tally.mended[f"{name} by the clock of the app"] += int(late.sum())
             moved_s = np.where(late, rows[:, 0], moved_s)
@@ -418,36 +437,17 @@ def _stream(
     return q
 
 
-def _wifi(parts: _Parts, offset_s: float | None, tally: Tally) -> FloatArray:
+def _wifi(records: list[tuple[float, float, float, float, bytes]], offset_s: float | None) -> FloatArray:
     """(T, 5) rows of the `wifi` stream, in the order of their lines."""
-    lines, numbers, addresses = (np.concatenate(columns) for columns in zip(*parts.wifi, strict=True))
-    places, which = np.unique(addresses, return_inverse=True)
-    names = [bytes(f"{place:012x}", "ascii") for place in places.tolist()]
-    known = opaque_ids("wifi", [b":".join(name[at : at + 2] for at in range(0, 12, 2)) for name in names])[which]
-    texts = _wifi_texts(parts, tally)
-    if texts:
-        others = np.array([[_float(text or b"nan") for text in (f[0], f[1], f[3] or b"0", f[4])] for _, f in texts])
-        known = np.concatenate([known, opaque_ids("wifi", [fields[2] for _, fields in texts])])
-        order = np.argsort(np.concatenate([lines, [line for line, _ in texts]]), kind="stable")
-        numbers, known = np.concatenate([numbers, others])[order], known[order]
-    t_s, seen_s, frequency, rssi = numbers.T
+    if not records:
+        return np.zeros((0, 5))
+    t_s, seen_s, frequency, rssi = np.array([record[:4] for record in records]).T
+    known = opaque_ids("wifi", [record[4] for record in records])
     age_s = np.zeros(len(t_s))
     if offset_s is not None:
         age_s = t_s - (seen_s + offset_s)
         age_s = np.where((age_s >= 0.0) & (age_s <= MAX_AGE_S), age_s, 0.0)  # another clock, or a fresh sighting
     return np.column_stack([t_s, known, rssi, frequency, age_s])
-
-
-def _wifi_texts(parts: _Parts, tally: Tally) -> list[tuple[int, tuple[bytes, ...]]]:
-    """Line and fields of each WiFi record of an unusual form; those that cannot be read are counted."""
-    found = []
-    for line, record in parts.wifi_texts:
-        if match := _WIFI.match(record):
-            found.append((line, match.groups(b"")))
-        else:
-            tally.dropped["WIFI cannot be read"] += 1
-            parts.lose(line, record)
-    return found
 
 
 def _ble(records: list[tuple[float, bytes, float, float]]) -> FloatArray:
