@@ -130,13 +130,14 @@ def test_pages_fit_a_phone_and_can_be_read(site: Path, browser: Any, scheme: str
         assert browser.run(CONTRAST) == {}, kind
 
 
-def test_every_page_fits_a_phone(site: Path, texts: dict[str, str], browser: Any) -> None:
+def test_every_written_page_fits_a_phone(site: Path, browser: Any) -> None:
+    """Pages that are generated are like those of their kind, which the test above opens."""
     browser.size(*PHONE, mobile=True)
     wide = []
-    for name in texts:
-        browser.open(site / name)
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        browser.open(site / f"{page.stem}.html")
         if browser.run("document.scrollingElement.scrollWidth") > PHONE[0]:
-            wide.append(name)
+            wide.append(page.stem)
     assert wide == []
 
 
