@@ -27,6 +27,7 @@ Head = Mapping[str, Mapping[str, Any]]
 WHOLE: Mapping[str, Any] = {"no_wrap": True}
 RIGHT: Mapping[str, Any] = {"justify": "right"}
 REST: Mapping[str, Any] = {"ratio": 1}
+CUT: Mapping[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}  # so that an item is a line
 
 
 def _print_items(
@@ -36,7 +37,7 @@ def _print_items(
     cells: Callable[[Item], list[str]] | None = None,
     dispensable: Sequence[str] = (),
 ) -> None:
-    """Prints one item a line, and on standard error what is broken and how to get what is missing.
+    """Prints one item a line, and on standard error what is broken and what data is missing.
 
     Args:
         items: Under `broken` the reason why an item cannot be used, or None.
@@ -53,8 +54,8 @@ def _print_items(
     for item in items:
         if item["broken"]:
             note(f"broken: {item['id']}: {item['broken']}")
-        elif item.get("missing"):
-            note(f"missing: {item['id']}: {item['missing']}")
+    if missing := sorted({str(item["dataset"]) for item in rows if item.get("missing")}):
+        note(f"recorded data is missing: {', '.join(missing)}; `pdrbench data fetch NAME` gets it or says how")
     return None
 
 
@@ -92,8 +93,8 @@ def envs(as_json: AsJson = False) -> None:
     """Registered environments: what they offer, and whether their data is available."""
     with answer_only(as_json):
         items = environment_items()
-    head = {"id": WHOLE, "data": WHOLE, "walks": {}, "sensors": {}, "start": WHOLE, "licence": {}, "summary": REST}
-    _print_items(items, head, as_json, _environment_row, ("licence", "sensors", "data", "walks", "start"))
+    head = {"id": WHOLE, "data": WHOLE, "walks": RIGHT | WHOLE, "start": WHOLE, "summary": CUT}
+    _print_items(items, head, as_json, _environment_row, ("walks",))
 
 
 @app.command("localizers")
@@ -106,8 +107,7 @@ def localizers(as_json: AsJson = False) -> None:
 
     with answer_only(as_json):
         items = _items(entries(LOCALIZERS_GROUP), LOCALIZERS_GROUP, describe)
-    head = {"id": WHOLE, "from": WHOLE, "summary": REST}
-    _print_items(items, head, as_json, lambda item: [item["id"], item["package"], item["summary"]])
+    _print_items(items, {"id": WHOLE, "summary": CUT}, as_json)
 
 
 @app.command("metrics")
@@ -194,10 +194,8 @@ def _environment_row(item: Item) -> list[str]:
     return [
         item["id"],
         availability if item["available"] else "missing",
-        "\n".join(f"{split} {count}" for split, count in item.get("splits", {}).items()),
-        ", ".join(item.get("sensors", ())),
+        str(item.get("splits", {}).get("test", "")),
         item.get("start", ""),
-        item.get("licence", ""),
         "; ".join(filter(None, (item.get("summary", "").removesuffix("."), item.get("note", "")))),
     ]
 

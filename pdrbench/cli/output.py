@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 LOG_WIDTH: Final = 160  # characters of a table line where no terminal says how wide it is
 GAP: Final = 3  # characters between two columns
 MIN_TEXT: Final = 30  # characters that a column of sentences has at least
+MIN_CUT_TEXT: Final = 20  # where sentences are cut
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 
@@ -74,8 +75,9 @@ def print_table(
 ) -> None:
     """A table for people that breaks no word: options of rich by column, then the cells.
 
-    Where it is too wide, columns are left out, in the order of `dispensable`, and a note says which; where it still is,
-    each row becomes a paragraph.
+    The last column is cut to what is left of a line where its overflow is an ellipsis. Where the table is too wide,
+    columns are left out, in the order of `dispensable`, and a note says which; where it still is, each row becomes a
+    paragraph.
     """
     from rich import box
     from rich.table import Table
@@ -93,8 +95,11 @@ def print_table(
         table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
         for i in shown:
             table.add_column(names[i], **head[names[i]])
+        is_cut = head[names[shown[-1]]].get("overflow") == "ellipsis"
+        left = width - sum(needed[i] for i in shown[:-1]) - GAP if is_cut else None
         for row in rows:
-            table.add_row(*(plain_text(row[i]) for i in shown))
+            *cells, last = (plain_text(row[i]) for i in shown)
+            table.add_row(*cells, last if left is None or len(last) <= left else f"{last[: left - 1].rstrip()}…")
         console().print(table)
     if len(shown) < len(names):
         left_out = ", ".join(name.replace("\n", "") for i, name in enumerate(names) if i not in shown)
@@ -103,6 +108,8 @@ def print_table(
 
 def _needed(name: str, options: Mapping[str, Any], cells: Sequence[str], min_text: int = MIN_TEXT) -> int:
     """Characters that a column needs so that no word is broken, with the gap to the next; sentences have `min_text`."""
+    if options.get("overflow") == "ellipsis":
+        return GAP + min(min_text, MIN_CUT_TEXT)
     lines = [line for text in (name, *cells) for line in text.splitlines()]
     unbroken = lines if options.get("no_wrap") else [word for line in lines for word in line.split()]
     widest = max(map(len, unbroken), default=0)
