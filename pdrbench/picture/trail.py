@@ -69,7 +69,7 @@ def estimate_style(index: int) -> TrailStyle:
 def styles_of(names: Iterable[str]) -> dict[str, TrailStyle]:
     """A style for each name: up to twelve differ in colour, and most names keep theirs whoever stands beside them.
 
-    >>> styles_of(["stay-v0", "mine-v0"]) == styles_of(["mine-v0", "stay-v0"])
+    >>> styles_of(["stay", "mine"]) == styles_of(["mine", "stay"])
     True
     """
     places: dict[str, int] = {}

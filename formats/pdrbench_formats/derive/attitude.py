@@ -44,7 +44,7 @@ class AttitudeParams:
     dip_rad: float = math.radians(3.0)
     earth_ut: tuple[float, float] = (22.0, 67.0)  # of the World Magnetic Model at the surface
     walking_mps2: float = 0.8
-    compass_s: float = 60.0  # as learned-v0 found: 30 to 100 s are equally good
+    compass_s: float = 60.0  # as `learned` found: 30 to 100 s are equally good
     doubt: float = 0.2
     still_radps: float = 0.01
     still_mps2: float = 0.2

@@ -32,7 +32,7 @@ from pdrbench_formats.derive.attitude import attitude
 FOOT: Final = "foot"
 FOOT_MIN_RATE_HZ: Final = 80.0  # heel strikes ring at 40 Hz
 PHONE_MIN_RATE_HZ: Final = 15.0  # five samples in the shortest step
-STEP_LENGTH_M: Final = 0.63  # as dead_reckoning-v0
+STEP_LENGTH_M: Final = 0.63  # as dead_reckoning
 POSITION_S: Final = 1.0
 UPRIGHT_S: Final = 2.0
 # Of computed attitudes of phones 0.96 or more (OfficePhone-v1, MallPhone-v2, IpinPhone-v1, nine walks of each), of

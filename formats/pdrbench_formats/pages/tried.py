@@ -17,7 +17,7 @@ from pdrbench_formats.taskfile import Walks
 
 DPI: Final = 160
 MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
-STANDING: Final = "stay-v0"  # is a point, and what is worse is not drawn
+STANDING: Final = "stay"  # is a point, and what is worse is not drawn
 ON_EARTH: Final = (".geojson", ".gpx")  # formats that need a place on the Earth
 
 
@@ -49,10 +49,11 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
 
 def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
     """The best of each family (names that begin alike), then others; where nothing was scored, the first of each."""
-    names = [name for name in names if name != STANDING] or names
+    names = [name for name in names if _family(name) != STANDING] or names
+    still_m = next((error_m[name] for name in error_m if _family(name) == STANDING), np.inf)
     scored = sorted((name for name in names if np.isfinite(error_m.get(name, np.nan))), key=lambda name: error_m[name])
     if scored:
-        scored = [name for name in scored if error_m[name] < error_m.get(STANDING, np.inf)] or scored
+        scored = [name for name in scored if error_m[name] < still_m] or scored
         best = {_family(name): name for name in reversed(scored)}.values()
         others = [name for name in scored if name not in best]
         return sorted([*sorted(best, key=scored.index), *others][:MAX_DRAWN], key=scored.index)
@@ -61,7 +62,7 @@ def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
 
 
 def _family(name: str) -> str:
-    return re.split(r"[_-]", name)[0]
+    return re.split(r"[_?-]", name)[0]
 
 
 def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[Path]:
