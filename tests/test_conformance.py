@@ -48,7 +48,7 @@ LONG_S = {
 SAME_WALKS = ("MallPhoneLost-v2",)
 
 
-# Recorded train walks with one of nine and four of ten places outside the published plan, see docs/malls.md.
+# Recorded train walks with one of nine and four of ten places outside the published plan, see lab/notebook/malls.md.
 OUTSIDE_PLANS = {"site1-F2-76fb4573", "site1-B1-fc29598b"}
 
 

@@ -26,7 +26,7 @@ CLOSED_FOR: Final = 0.3  # of the pace: before that a recording that is cut may 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveStepParams:
-    """Settings of `find_adaptive_steps`, ours: chosen by leaving out a place or a person, see docs/li2012.md.
+    """Settings of `find_adaptive_steps`, ours: chosen by leaving out a place or a person, see lab/notebook/li2012.md.
 
     Attributes:
         fraction: A step swings by this fraction of what waves around it swing by, ...

@@ -36,7 +36,7 @@ class ErrorStatistic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One measured number.
 
     Attributes:
-        name: What was measured; docs/error-model.md has the formulas.
+        name: What was measured; lab/notebook/error-model.md has the formulas.
         unit: As in "deg".
         value: The number; None where no walk has it.
         low, high: 95 % interval over walks; None below five walks.

@@ -93,3 +93,13 @@ def test_papers_have_the_same_gates_wherever_they_stand() -> None:
     gates = re.findall(r"\| (\d+ of \d+) \|$", page, flags=re.MULTILINE)
     assert len(gates) == 4
     assert [gate for gate in gates if gate not in " ".join(readme.split())] == []
+
+
+def test_pages_that_code_cites_exist() -> None:
+    """Of `docs/` and `lab/notebook/`, in modules, tests and errors."""
+    cited = re.compile(r"\b(?:docs|lab/notebook)/[\w-]+\.md\b")
+    rooms = ("pdrbench", "formats", "envs", "baselines", "leaderboards", "lab", "tests")
+    texts = {path: path.read_text(encoding="utf-8") for room in rooms for path in (ROOT / room).rglob("*.py")}
+    found = [(str(path.relative_to(ROOT)), name) for path, text in texts.items() for name in cited.findall(text)]
+    assert len(found) > 5
+    assert [(path, name) for path, name in found if not (ROOT / name).is_file()] == []

@@ -23,7 +23,7 @@ SENSORS: Final = ("mag", "rotation")
 
 @dataclass(frozen=True, slots=True)
 class MagneticEvidenceParams:
-    """Ours; see docs/magnetic.md for what was compared.
+    """Ours; see lab/notebook/magnetic.md for what was compared.
 
     Attributes:
         field: Of the map.

@@ -21,7 +21,7 @@ from pdrbench_lab.magnetic.evidence import SENSORS, MagneticEvidence, MagneticEv
 
 @dataclass(frozen=True, slots=True)
 class MagneticParams:
-    """Defaults, ours; see docs/magnetic.md.
+    """Defaults, ours; see lab/notebook/magnetic.md.
 
     Attributes:
         magnetic: Of the survey and of samples.

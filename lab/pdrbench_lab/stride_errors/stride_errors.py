@@ -1,4 +1,4 @@
-"""How far the strides of an inertial filter are off, measured on recorded walks of a foot; docs/error-model.md.
+"""How far the strides of an inertial filter are off, measured on recorded walks of a foot; lab/notebook/error-model.md.
 
 The filter is read at rests and the reference at the same times, so that nothing has to be matched. Numbers of a walk
 are medians and median slopes, because where the reference jumped or the filter missed a rest a stride may be anything;
@@ -234,7 +234,7 @@ def _sizes(statistics: Sequence[ErrorStatistic]) -> ErrorSizes:
 
 
 def summarise(walks: Sequence[WalkErrors], draws: int = DRAWS) -> list[ErrorStatistic]:
-    """Statistics over walks, in the order of the table; docs/error-model.md has a line on each.
+    """Statistics over walks, in the order of the table; lab/notebook/error-model.md has a line on each.
 
     Args:
         walks: At least one, none of them without strides.

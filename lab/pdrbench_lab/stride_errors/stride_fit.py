@@ -2,7 +2,7 @@
 
 `stride_errors` measures statistics. Statistics over walks contain what the estimator adds for want of strides; here
 that is taken out: an observed drift is a drift of Student's law plus a normal error of known size, and the law is
-fitted to what was observed by maximum likelihood. docs/error-model.md has the model and its figures.
+fitted to what was observed by maximum likelihood. lab/notebook/error-model.md has the model and its figures.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def _folder(name: str) -> Path:
         if (place / name).is_dir():
             return place / name
     if name in UNREGISTERED:
-        raise DatasetError(f"no folder {name} in PDRBENCH_DATA; docs/error-model.md says what it holds")
+        raise DatasetError(f"no folder {name} in PDRBENCH_DATA; lab/notebook/error-model.md says what it holds")
     return find(name)
 
 
