@@ -1,4 +1,4 @@
-"""Whether two samples may come from one law, where values repeat within people: what `lab/notebook/realism.md` calls the rule.
+"""Whether two samples may come from one law, where values repeat within people: the rule of `notebook/realism.md`.
 
 Values of one person (session, walk) are alike. Their number says less than the number of people, so that every bound
 here counts clusters: all values of one person, or of one set, are one.

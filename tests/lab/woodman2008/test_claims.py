@@ -45,7 +45,7 @@ def test_tracking_begins_where_a_single_cluster_is_small_and_ends_where_there_is
 MISSED = {
     "particles, fast over literal": (1.05, 1.35),
 }
-"""Gates missed in every building, for reasons lab/notebook/woodman2008.md gives: where the number lies instead. One that comes to
+"""Gates missed in every building, as notebook/woodman2008.md says why: where the number lies instead. One that comes to
 hold fails here, too, so that the documentation follows."""
 
 
