@@ -26,7 +26,7 @@ MIN_HORIZONTAL_UT: Final = 1.0  # below it, the horizontal field points nowhere
 
 @dataclass(frozen=True, slots=True)
 class MagneticFieldParams:
-    """Ours, read off pairs of train walks of `MallPhoneMagnetic-v1` that lie in different sessions: notebook/magnetic.md.
+    """Ours, read off pairs of train walks of `MallPhoneMagnetic-v1` that lie in different sessions; magnetic.md.
 
     Attributes:
         lattice_m: Between places where the field is evaluated.
