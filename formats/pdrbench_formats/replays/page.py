@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from pdrbench.building import WALL, Building
 from pdrbench.errors import ResultError
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.picture import PLAN, exploded_view, floor_height_m, level_height_m
-from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.plan import FLOOR_COLOURS, RISER_COLOUR, TREAD_COLOUR, WALL_COLOUR, is_stairs
 from pdrbench.report.pages import render
 from pdrbench.report.walks import bounds_to_show
+from pdrbench_formats.replays.dots import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench_formats.replays.replay import MAX_DOTS, ReplayFrame, WalkReplay
+from pdrbench_formats.replays.view import PLAN, exploded_view, floor_height_m, level_height_m
 
 STEPS: Final = 65_535  # of a coordinate: 2 mm in a building of 130 m
 ZERO_WEIGHT: Final = 128  # added to the place of the level in the list of levels

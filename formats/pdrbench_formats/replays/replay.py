@@ -16,11 +16,11 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.gym.walks import reference_at
 from pdrbench.localizer import Estimate
 from pdrbench.metrics.hold import HOLD_SLACK_S, hold_at
-from pdrbench.picture import Dots, dots_of
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import Result, shown_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
+from pdrbench_formats.replays.dots import Dots, dots_of
 
 FPS: Final = 10  # frames a second
 FRAME_S: Final = 1.0  # of the walk between two frames, by default

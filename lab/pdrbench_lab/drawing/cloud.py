@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.picture import PLAN, Dots, View
-from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR
+from pdrbench_formats.replays.dots import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
+from pdrbench_formats.replays.view import PLAN, View
 
 ON_TOP: Final = 1000.0  # drawing order of what lies on the building: above every level of it
 WEIGHT_COLOURS: Final = "plasma_r"

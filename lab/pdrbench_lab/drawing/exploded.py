@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture.plan import FLOOR_COLOURS, RISER_COLOUR, TREAD_COLOUR, WALL_COLOUR, fill_rings, is_stairs
-from pdrbench.picture.view import View, exploded_view, level_height_m
+from pdrbench_formats.replays.view import View, exploded_view, level_height_m
 
 GRID_COLOUR: Final = "#d9dde1"
 CONNECTION_COLOUR: Final = "#7a9a6a"

@@ -13,7 +13,7 @@ from pdrbench.building import Building, Zone
 from pdrbench.geometry import FloatArray
 from pdrbench.picture.plan import fill_rings
 from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail
-from pdrbench.picture.view import PLAN, View, level_height_m
+from pdrbench_formats.replays.view import PLAN, View, level_height_m
 from pdrbench_lab.drawing.cloud import ON_TOP
 
 if TYPE_CHECKING:

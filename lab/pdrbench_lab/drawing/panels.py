@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pdrbench.building import Building
 from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level
-from pdrbench.picture.view import View
+from pdrbench_formats.replays.view import View
 from pdrbench_lab.drawing.exploded import draw_exploded
 
 WIDTH_IN: Final = 8.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.picture import Dots, estimate_style
+from pdrbench.picture import estimate_style
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench.report.cdf import cdf_figure
@@ -18,6 +18,7 @@ from pdrbench.report.panels import save_figures
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
+from pdrbench_formats.replays.dots import Dots
 from pdrbench_lab.drawing import (
     draw_arrow,
     draw_dots,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.picture.view import floor_height_m
+from pdrbench_formats.replays.view import floor_height_m
 
 ZERO_WEIGHT_COLOUR: Final = "#000000"  # Woodman & Harle 2008, Fig. 4: black where w = 0
 LEVEL_COLOURS: Final = ("#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # Okabe & Ito 2008, estimates are blue
