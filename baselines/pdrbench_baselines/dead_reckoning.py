@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +19,9 @@ class DeadReckoningParams:
 
     step_length_m: float = 0.63  # path length over detected steps, all train walks of MallPhone-v2
     level_height_m: float = 3.0  # rise that counts as a level where the briefing has no building
+
+
+DEAD_RECKONING: Final = DeadReckoningParams()
 
 
 class DeadReckoning:
@@ -34,8 +35,8 @@ class DeadReckoning:
         params: See `DeadReckoningParams`.
     """
 
-    def __init__(self, params: DeadReckoningParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(DeadReckoningParams(), params, "dead_reckoning")
+    def __init__(self, params: DeadReckoningParams = DEAD_RECKONING) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Final
 
 import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.radio import ScanMatcher, middle_of_survey
 from pdrbench.radio.matching import FRESHNESS_PER_S, POWER, SURVEY_AGE_S
 
@@ -25,6 +23,9 @@ class WifiKnnParams:
     freshness_per_s: float = FRESHNESS_PER_S  # a reading of the scan counts for 0.8 ** age
 
 
+WIFI_KNN: Final = WifiKnnParams()
+
+
 class WifiKnn:
     """Answers the mean of the places whose fingerprints are nearest to the last scan, the nearer the heavier.
 
@@ -34,8 +35,8 @@ class WifiKnn:
         params: See `WifiKnnParams`.
     """
 
-    def __init__(self, params: WifiKnnParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(WifiKnnParams(), params, "wifi_knn")
+    def __init__(self, params: WifiKnnParams = WIFI_KNN) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("wifi",), radio_map=True)

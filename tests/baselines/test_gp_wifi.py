@@ -16,7 +16,7 @@ from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.field import FieldParams, SignalMap
-from pdrbench_baselines.gp_wifi.localizer import GpWifi
+from pdrbench_baselines.gp_wifi.localizer import GpWifi, GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps, scan_times_s, sightings_of
 
 PLACES = np.array([[5.0, 4.0], [35.0, 4.0], [5.0, 26.0], [35.0, 26.0], [20.0, 15.0]])  # of access points
@@ -126,7 +126,7 @@ def test_where_scans_missed_an_access_point_it_is_weaker(rng: np.random.Generato
 
 def test_a_walk_far_from_the_survey_is_found(rng: np.random.Generator) -> None:
     """Surveyed along y = 3 and y = 27; the walk goes along y = 15, twelve metres from the nearest scan."""
-    localizer = GpWifi({"trust": 1.0})  # five access points that err independently
+    localizer = GpWifi(GpWifiParams(trust=1.0))  # five access points that err independently
     localizer.reset(brief(survey(rng, lines_of(3.0, 27.0))), rng)
     errors = []
     for k, x_m in enumerate(np.arange(4.0, 36.0, 2.0)):
@@ -163,7 +163,7 @@ def test_the_level_is_that_whose_access_points_are_strong(rng: np.random.Generat
 
 
 def test_an_offset_of_the_device_is_learned(rng: np.random.Generator) -> None:
-    localizer = GpWifi({"offset_sigma_db": 4.0, "trust": 1.0})
+    localizer = GpWifi(GpWifiParams(offset_sigma_db=4.0, trust=1.0))
     localizer.reset(brief(survey(rng, lines_of(3.0, 15.0, 27.0))), rng)
     for k in range(8):
         dbm = strength_dbm(np.array([[20.0, 10.0]]))[0] - 6.0

@@ -1,13 +1,12 @@
 """Frank, Krach, Catterall & Robertson 2009: WLAN fingerprints and a shoe, fused in two layers (claims F4 to F14).
 
-`wlan_frank2009-v0` is their fingerprinting alone, `frank2009-v0` the cascade. Neither looks at the map (F14).
+`wlan_frank2009` is their fingerprinting alone, `frank2009` the cascade. Neither looks at the map (F14).
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
@@ -18,7 +17,6 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import DETECTORS, LITERAL, FootParams
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
@@ -41,10 +39,11 @@ class FingerprintingParams:
         votes: Whether the best of three is answered (F5) or each scan's own point.
         unknown: How an access point of the scan counts that a fingerprint lacks: "ignore" as eq. (1) says, "penalise"
             as one of -100 dBm there (F4). With "ignore", fingerprints of few access points are near to every scan: it
-            needs a survey that receives the same access points everywhere.
+            needs a survey that receives the same access points everywhere; take "penalise" for one of many access
+            points, each received in a few places.
     """
 
-    survey_age_s: float = 12.0  # as `wifi_knn-v0`; chosen on the train walks of MallPhoneLost-v2
+    survey_age_s: float = 12.0  # as `wifi_knn`; chosen on the train walks of MallPhoneLost-v2
     scan_age_s: float = 4.0  # ours: a sweep of a phone, and its delivery
     votes: bool = True
     unknown: Literal["ignore", "penalise"] = "ignore"
@@ -66,7 +65,8 @@ class Frank2009Params:
         compass_wait_s: Steps are not used before the magnetometer has been read, for so long at most.
         start_known_sigma_m: Of a start from the briefing that is surveyed.
         heading_known_sigma_rad: Of a heading from the briefing.
-        degrees: Of freedom of the Student law of WLAN errors; infinite as in the paper.
+        degrees: Of freedom of the Student law of WLAN errors; infinite as in the paper. With 3, one place that is far
+            off moves the filter little.
     """
 
     wlan: FingerprintingParams = field(default_factory=FingerprintingParams)
@@ -81,6 +81,10 @@ class Frank2009Params:
     start_known_sigma_m: float = 0.5  # ours
     heading_known_sigma_rad: float = math.radians(10.0)  # ours
     degrees: float = math.inf
+
+
+WLAN: Final = FingerprintingParams()
+CASCADE: Final = Frank2009Params()
 
 
 class HistogramMatcher:
@@ -139,8 +143,8 @@ class WlanFrank2009:
         params: See `FingerprintingParams`.
     """
 
-    def __init__(self, params: FingerprintingParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(FingerprintingParams(), params, "wlan_frank2009")
+    def __init__(self, params: FingerprintingParams = WLAN) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("wifi",), radio_map=True)
@@ -156,11 +160,6 @@ class WlanFrank2009:
         return self._estimate
 
 
-def penalised() -> WlanFrank2009:
-    """For surveys of many access points, each heard in a few places: what a fingerprint lacks counts as -100 dBm."""
-    return WlanFrank2009(FingerprintingParams(unknown="penalise"))
-
-
 class Frank2009:
     """Steps of a shoe, fused with WLAN places in an extended Kalman filter.
 
@@ -171,8 +170,8 @@ class Frank2009:
         params: See `Frank2009Params`.
     """
 
-    def __init__(self, params: Frank2009Params | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(Frank2009Params(), params, "frank2009")
+    def __init__(self, params: Frank2009Params = CASCADE) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro", "wifi"), radio_map=True)
@@ -250,8 +249,3 @@ class Frank2009:
         if belief is None:
             return Estimate(xy_m=self._first_xy_m, level=self._level)
         return Estimate(belief.mean[:2].copy(), self._level, float(belief.mean[2]), belief.sigma_m)
-
-
-def robust() -> Frank2009:
-    """Beyond the paper: WLAN errors follow a Student law, so that one place that is far off moves the filter little."""
-    return Frank2009(Frank2009Params(degrees=3.0))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -13,7 +12,6 @@ from scipy.special import ndtr
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.field import FieldParams, SignalMap
@@ -87,6 +85,9 @@ class GpWifiParams:
         return gain
 
 
+GP_WIFI: Final = GpWifiParams()
+
+
 class GpWifi:
     """Answers the mean of the likeliest level.
 
@@ -98,8 +99,8 @@ class GpWifi:
         params: See `GpWifiParams`.
     """
 
-    def __init__(self, params: GpWifiParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(GpWifiParams(), params, "gp_wifi")
+    def __init__(self, params: GpWifiParams = GP_WIFI) -> None:
+        self._params = params
         self._of: tuple[Any, Any] | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.sensors.position import PositionErrors
 from pdrbench_baselines.koeping2012.localizer import DEBUG_PARTICLES, Clock, building_of, normalised
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
@@ -52,6 +50,9 @@ class KoepingHeadingParams:
             )
 
 
+KOEPING_HEADING: Final = KoepingHeadingParams()
+
+
 class Koeping2012Heading:
     """Particles with a place and a velocity, that is heading and speed; walls end them, as in Woodman & Harle 2008.
 
@@ -72,11 +73,11 @@ class Koeping2012Heading:
     are those of the floor reached; the sensor knows none.
 
     Args:
-        params: See `KoepingHeadingParams`; a mapping of its fields will do.
+        params: See `KoepingHeadingParams`.
     """
 
-    def __init__(self, params: KoepingHeadingParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(KoepingHeadingParams(), params, "koeping2012_heading")
+    def __init__(self, params: KoepingHeadingParams = KOEPING_HEADING) -> None:
+        self._params = params
         self._errors = PositionErrors(self._params.sigma0_m, self._params.q_m2ps)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:

@@ -7,7 +7,7 @@ and sensor fusion", Annual of Navigation 19/2012, part 2.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
@@ -18,7 +18,6 @@ from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.sensors.position import PositionErrors
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition
 from pdrbench_baselines.koeping2012.movement import MovementParams, movement_table
@@ -68,6 +67,9 @@ class KoepingParams:
         return MovementParams(self.cell_m, self.speed_mps, self.prune, update_s)
 
 
+KOEPING: Final = KoepingParams()
+
+
 class Koeping2012:
     """The paper to the letter: a state of x and y (3), a uniform start on the floor, no start or heading asked for.
 
@@ -79,12 +81,15 @@ class Koeping2012:
     Rows that are not finite, repeat a time or go back in time are passed over. Weights are compared as logarithms and
     never vanish: an observation far from every particle is followed to the particles that are nearest to it.
 
+    `revise` gives the past by lines through the clouds, which move by the law of the movement table: the distance is
+    normal about what the speed gives, the direction any, and no wall is between.
+
     Args:
-        params: See `KoepingParams`; a mapping of its fields will do.
+        params: See `KoepingParams`.
     """
 
-    def __init__(self, params: KoepingParams | Mapping[str, Any] | None = None) -> None:
-        self._params = merged(KoepingParams(), params, "koeping2012")
+    def __init__(self, params: KoepingParams = KOEPING) -> None:
+        self._params = params
         self._errors = self._params.errors()
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -99,6 +104,8 @@ class Koeping2012:
         self._cell = self._table.start(rng, self._params.num_particles)
         self._table.move(self._cell[:0], rng)  # compiles, so that no observation waits for it
         self._estimate = self._locate(np.full(len(self._cell), 1.0 / len(self._cell)))
+        self._past, self._last_s = BackwardSampler(), 0.0
+        self._past.follow(self._stored(0.0), 0.0)
 
     def step(self, observation: Observation) -> Estimate:
         for t_s, x_m, y_m in self._clock.rows(observation["position"]):
@@ -107,7 +114,12 @@ class Koeping2012:
         if missed:
             self._move(missed)
             self._estimate = self._locate(np.full(len(self._cell), 1.0 / len(self._cell)))
-        return self._estimate
+        return self._past.answered(observation.now_s, self._estimate)
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
+        (rng,) = self._rng.spawn(1)
+        return self._past.revised(rng)
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """The particles after the draw, at most `DEBUG_PARTICLES` of them."""
@@ -126,6 +138,8 @@ class Koeping2012:
         weight = self._weigh(t_s, xy_m)
         self._estimate = self._locate(weight)
         self._cell = self._cell[draw_sorted(weight, self._rng.standard_exponential(len(weight) + 1))]
+        self._past.follow(self._stored(t_s), self._last_s, self._transition(t_s - self._last_s))
+        self._last_s = t_s
 
     def _move(self, updates: int) -> None:
         for _ in range(updates):
@@ -152,32 +166,6 @@ class Koeping2012:
         sigma_m = math.sqrt(variance_m2 + self._params.cell_m**2 / 12)
         return Estimate(xy_m, int(self._levels[heaviest]), sigma_m=sigma_m)
 
-
-class Koeping2012Smoothed(Koeping2012):
-    """The same, its past revised when the walk is over (offline division) by lines through its clouds.
-
-    Answers on the way are those of `Koeping2012`. Lines move by the law of the movement table: the distance is normal
-    about what the speed gives, the direction any, and no wall is between.
-    """
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        super().reset(briefing, rng)
-        self._past, self._last_s = BackwardSampler(), 0.0
-        self._past.follow(self._stored(0.0), 0.0)
-
-    def step(self, observation: Observation) -> Estimate:
-        return self._past.answered(observation.now_s, super().step(observation))
-
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
-        (rng,) = self._rng.spawn(1)
-        return self._past.revised(rng)
-
-    def _take(self, t_s: float, xy_m: FloatArray) -> None:
-        super()._take(t_s, xy_m)
-        self._past.follow(self._stored(t_s), self._last_s, self._transition(t_s - self._last_s))
-        self._last_s = t_s
-
     def _stored(self, t_s: float) -> StoredCloud:
         cells, cell = self._table.cells, self._cell
         polygon = cells.polygon[cell]
@@ -196,11 +184,6 @@ class Koeping2012Smoothed(Koeping2012):
             return law
 
         return log_density
-
-
-def smoothed(params: Mapping[str, Any] | None = None) -> Koeping2012Smoothed:
-    """`koeping2012-v0` with its past revised at the end (offline division)."""
-    return Koeping2012Smoothed(params)
 
 
 class Clock:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import WAYS
+from pdrbench.inertial import STAGES, WAYS
 from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
-from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
+from pdrbench.inertial.step_detection import StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
@@ -29,6 +28,15 @@ from pdrbench_baselines.li2012.user_heading import UserHeading
 
 BY_LIFT: Final = float(WAYS.index("lift"))
 KEPT_S: Final = 8.0  # of attitudes: a step may be validated two steps late, and wait for the one before it
+HEADING_BIAS: Final = MappingProxyType(  # settings of the filter with `heading_bias`
+    {
+        "adjustment": 0.0,
+        "heading_sigma_rad": math.radians(5.0),  # sources.md 1.5 and 1.4: what is left within a leg is 4 degrees
+        "bias_sigma_rad": math.radians(10.0),  # sources.md 1.5
+        "bias_walk_rad": math.radians(0.5),
+    }
+)
+BIASED_POCKET_SIGMA_RAD: Final = math.radians(10.0)  # ours
 GENERIC: Final = StepModel(0.181, 0.334)  # L14: 4150 steps of 23 simulated people, `model.generic_model`
 
 
@@ -39,12 +47,16 @@ class Li2012Params:
     Attributes:
         filter: Particles, noise, models, summary.
         steps: Of step detection.
-        stage: Which of the paper's step detectors.
         turns: Of turn detection.
         attitude: Where the phone reports none.
         model: The generic step model, with which every walker begins.
-        personalises: False: every particle keeps the generic model (algorithms 1 and 2 of the paper's Fig. 11).
-        uses_map: False: no walls, no pathways.
+        generic: Every particle keeps the generic model: algorithm 2 of the paper's Fig. 11.
+        warping: Steps are validated by dynamic time warping; without, and with `generic`: algorithm 1 of Fig. 11.
+        map: False: no walls, no pathways.
+        heading_bias: Beyond the paper, in place of its correction of the next heading, which forgets at once: every
+            particle keeps a heading error of its own (`HEADING_BIAS`), one that comes back takes that of its neighbour,
+            and the answer goes on between steps. Headings of a phone are off by a constant of each walk (sources.md
+            1.5).
         alternate_q: Two transforms, one for each leg (L11).
         pocket_sigma_rad: Noise of the heading in a pocket; that in the hand is the filter's.
         carries_on: Between steps, and until the next one is known, the answer goes on at the pace of the last; False
@@ -55,17 +67,31 @@ class Li2012Params:
 
     filter: StepModelFilterParams = field(default_factory=StepModelFilterParams)
     steps: StepParams = field(default_factory=StepParams)
-    stage: Stage = "PD+H+DTW"
     turns: TurnParams = field(default_factory=TurnParams)
     attitude: PhoneAttitudeParams = field(default_factory=PhoneAttitudeParams)
     model: StepModel = GENERIC
-    personalises: bool = True
-    uses_map: bool = True
+    generic: bool = False
+    warping: bool = True
+    map: bool = True
+    heading_bias: bool = False
     alternate_q: bool = False
     pocket_sigma_rad: float = math.radians(15.0)  # L18
     carries_on: bool = False
     carry_s: float = 1.2  # ours: a step becomes known 0.4 s after its end, and the next one ends half a second later
     margin_steps: int = 4  # ours: half the median filter of L17
+
+    def of_filter(self, *, in_pocket: bool) -> StepModelFilterParams:
+        """Settings of the filter for a way of carrying."""
+        settings = self.filter
+        if self.heading_bias:
+            settings = dataclasses.replace(settings, **HEADING_BIAS)
+        if in_pocket:
+            sigma_rad = BIASED_POCKET_SIGMA_RAD if self.heading_bias else self.pocket_sigma_rad
+            settings = dataclasses.replace(settings, heading_sigma_rad=sigma_rad)
+        return dataclasses.replace(settings, delta_a=0.0, delta_b=0.0) if self.generic else settings
+
+
+LI2012: Final = Li2012Params()
 
 
 class Li2012:
@@ -81,17 +107,15 @@ class Li2012:
     again around the last estimate; `debug()["resets"]` counts these.
 
     Args:
-        params: `Li2012Params` or some of its fields, as of the functions below.
+        params: See `Li2012Params`.
         model: Of this person, as `personal_model` gave it at the end of an earlier walk; None for the generic one.
 
     Attributes:
         filter: The particles, from `reset` on.
     """
 
-    def __init__(
-        self, params: Li2012Params | Mapping[str, Any] | None = None, *, model: StepModel | None = None
-    ) -> None:
-        self._params = merged(Li2012Params(), params, "li2012")
+    def __init__(self, params: Li2012Params = LI2012, *, model: StepModel | None = None) -> None:
+        self._params = params
         self._model = model or self._params.model
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -100,29 +124,29 @@ class Li2012:
         p, start = self._params, briefing.start
         if briefing.mounting == "foot":
             raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
-        if p.uses_map and briefing.building is None:
-            raise UnsuitableError("needs a map; this environment has none, li2012_nomap-v0 goes without")
+        if p.map and briefing.building is None:
+            raise UnsuitableError("needs a map; this environment has none, li2012?map=false goes without")
         in_pocket = briefing.mounting == "pocket"
         self._attitude = _attitude_source(briefing, start.heading_rad is not None, p.attitude)
         if in_pocket and start.heading_rad is None:
             raise UnsuitableError("needs the heading of the start where the phone is in a pocket; this start has none")
-        self._detector = StepDetector(briefing.sensors["accel"].rate_hz or 50.0, p.steps, p.stage)
+        self._detector = StepDetector(
+            briefing.sensors["accel"].rate_hz or 50.0, p.steps, STAGES[-1] if p.warping else STAGES[-2]
+        )
         self._heading = UserHeading(start.heading_rad, alternate_q=p.alternate_q)
         self._turns = TurnDetector(p.turns)
-        settings = p.filter
-        if in_pocket:
-            settings = dataclasses.replace(settings, heading_sigma_rad=p.pocket_sigma_rad)
-        if not p.personalises:
-            settings = dataclasses.replace(settings, delta_a=0.0, delta_b=0.0)
-        self.filter = StepModelFilter(briefing.building if p.uses_map else None, rng, settings)
+        settings = p.of_filter(in_pocket=in_pocket)
+        self.filter = StepModelFilter(briefing.building if p.map else None, rng, settings)
         sigma_m = max(settings.start_sigma_m, start.radius_m / 2)
         self.filter.start(start.xy_m, start.level, self._model, sigma_m)
         self._has_level_changes = "level_change" in briefing.sensors
         if self._has_level_changes:
-            self.filter.follow_levels(briefing.building if p.uses_map else None, start.level)
+            self.filter.follow_levels(briefing.building if p.map else None, start.level)
         self._attitudes: FloatArray = np.zeros((0, 5))
         self._last_heading_rad = start.heading_rad
         self._last_end_s, self._velocity_mps = -math.inf, np.zeros(2)
+        self._rng, self._settings, self._past = rng, settings, BackwardSampler()
+        self._past.follow(self._stored(0.0), 0.0)
 
     def step(self, observation: Observation) -> Estimate:
         self._take_attitudes(observation)
@@ -136,16 +160,27 @@ class Li2012:
         if self._has_level_changes:
             for _, levels, _, way in observation["level_change"].tolist():
                 self.filter.change_level(int(levels), by_lift=way == BY_LIFT)
-        return Estimate(
+            if len(observation["level_change"]):
+                self._past.amend(self._stored(observation.now_s))
+        estimate = Estimate(
             xy_m=self.filter.xy_m + self._extrapolated_m(observation.now_s),
             level=self.filter.level,
             heading_rad=self._last_heading_rad,
             sigma_m=self.filter.sigma_m,
         )
+        return self._past.answered(observation.now_s, estimate)
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers.
+
+        The revised past has places at the times at which steps ended, and goes on evenly between them.
+        """
+        (rng,) = self._rng.spawn(1)
+        return self._past.revised(rng)
 
     def personal_model(self) -> StepModel:
         """What was learned of this person: the model for their next walk (L21); that of before where nothing was."""
-        learned = self.filter.summary() if self._params.personalises else None
+        learned = self.filter.summary() if not self._params.generic else None
         return learned or self._model
 
     def debug(self) -> dict[str, NDArray[Any]]:
@@ -183,6 +218,7 @@ class Li2012:
 
     def _walk(self, end_s: float, frequency_hz: float, heading_rad: float) -> None:
         """One step of the filter, which ended then, and turns that end with it."""
+        corrected_rad = heading_rad + self.filter.correction_rad
         self.filter.step(frequency_hz, heading_rad)
         self._last_heading_rad = heading_rad
         speed_mps = frequency_hz * self.filter.model.length_m(frequency_hz)
@@ -192,43 +228,14 @@ class Li2012:
         if turn is not None:
             margin = self._params.margin_steps
             self.filter.turned(turn.begin - margin, turn.end + margin)
+        transition = self._transition(frequency_hz, corrected_rad)
+        self._past.follow(self._stored(end_s), end_s - 1.0 / frequency_hz, transition)
 
     def _extrapolated_m(self, now_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last step ended."""
         since_s = now_s - self._last_end_s
-        walks = self._params.carries_on and since_s < self._params.carry_s
+        walks = (self._params.carries_on or self._params.heading_bias) and since_s < self._params.carry_s
         return self._velocity_mps * since_s if walks else np.zeros(2)
-
-
-class Li2012Smoothed(Li2012):
-    """The same, its past revised when the walk is over (offline division) by lines through its clouds.
-
-    Answers on the way are those of `Li2012`. The revised past has places at the times at which steps ended, and goes on
-    evenly between them.
-    """
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        super().reset(briefing, rng)
-        self._rng, self._past = rng, BackwardSampler()
-        self._settings = self._params.filter
-        self._past.follow(self._stored(0.0), 0.0)
-
-    def step(self, observation: Observation) -> Estimate:
-        estimate = super().step(observation)
-        if self._has_level_changes and len(observation["level_change"]):
-            self._past.amend(self._stored(observation.now_s))
-        return self._past.answered(observation.now_s, estimate)
-
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
-        (rng,) = self._rng.spawn(1)
-        return self._past.revised(rng)
-
-    def _walk(self, end_s: float, frequency_hz: float, heading_rad: float) -> None:
-        towards_rad = heading_rad + self.filter.correction_rad
-        super()._walk(end_s, frequency_hz, heading_rad)
-        transition = self._transition(frequency_hz, towards_rad)
-        self._past.follow(self._stored(end_s), end_s - 1.0 / frequency_hz, transition)
 
     def _stored(self, t_s: float) -> StoredCloud:
         cloud = self.filter
@@ -251,11 +258,6 @@ class Li2012Smoothed(Li2012):
         return gaussian(expected, covariance)
 
 
-def smoothed(params: Mapping[str, Any] | None = None) -> Li2012Smoothed:
-    """`li2012_generic-v0` with its past revised at the end (offline division)."""
-    return Li2012Smoothed({"personalises": False, **(params or {})})
-
-
 def _attitude_source(briefing: Briefing, is_heading_known: bool, params: PhoneAttitudeParams) -> PhoneAttitude | None:
     """None: the phone's rotation vector."""
     if "rotation" in briefing.sensors:
@@ -266,43 +268,3 @@ def _attitude_source(briefing: Briefing, is_heading_known: bool, params: PhoneAt
     if "mag" not in briefing.sensors and not is_heading_known:
         raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start; none is offered")
     return PhoneAttitude(params)
-
-
-def generic(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same with one step model for every walker: algorithm 2 of the paper's Fig. 11."""
-    return Li2012({"personalises": False, **(params or {})})
-
-
-def without_warping(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same with one step model, and steps that no warping validates: algorithm 1 of the paper's Fig. 11."""
-    return Li2012({"personalises": False, "stage": "PD+H", **(params or {})})
-
-
-def narrow(params: Mapping[str, Any] | None = None) -> Li2012:
-    """Beyond the paper: step models are spread as people differ.
-
-    The ranges of L15, which the paper does not give, spread the length of a step by 20 %. Those who walked for the
-    generic model differ by 8 %; half the ranges spread it by 10 % and reach all of them.
-    """
-    return Li2012({"filter": {"delta_a": 0.05, "delta_b": 0.075}, **(params or {})})
-
-
-def without_map(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same without walls and pathways: dead reckoning with a cloud."""
-    return Li2012({"uses_map": False, **(params or {})})
-
-
-def heading_bias_learned(params: Mapping[str, Any] | None = None) -> Li2012:
-    """Beyond the paper: what the heading is off by is learned, and the answer goes on between steps.
-
-    The paper corrects the next heading by the survivors' mean noise, which forgets at once; headings of a phone are off
-    by a constant of each walk (sources.md 1.5). Here every particle keeps an error of its own, and a particle that
-    comes back takes that of its neighbour.
-    """
-    bias = {
-        "adjustment": 0.0,
-        "heading_sigma_rad": math.radians(5.0),  # sources.md 1.5 and 1.4: what is left within a leg is 4 degrees
-        "bias_sigma_rad": math.radians(10.0),  # sources.md 1.5
-        "bias_walk_rad": math.radians(0.5),
-    }
-    return Li2012({"carries_on": True, "pocket_sigma_rad": math.radians(10.0), "filter": bias, **(params or {})})

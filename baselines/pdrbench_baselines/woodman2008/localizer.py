@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -19,14 +19,12 @@ from pdrbench.building.building import NOWHERE
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.params import merged
 from pdrbench.radio.cells import divide
-from pdrbench.sensors.stride import measured
 from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
 from pdrbench_baselines.woodman2008.clusters import cluster
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
-from pdrbench_baselines.woodman2008.drift import TurnDrift
+from pdrbench_baselines.woodman2008.drift import DriftParams, TurnDrift
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
@@ -35,6 +33,7 @@ from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 FILTERS: Final[dict[str, type[WoodmanFilter] | type[LiteralFilter]]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
 GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to find where most of it is
 KEPT_PARTICLES: Final = 2000  # of a cloud, to draw lines through; a converged one has fewer
+MAX_STORED: Final = 2**21  # particles of all clouds
 KEPT_M: Final = 0.1  # how far apart those kept are, about: what a line may miss a particle by
 KEPT_RAD: Final = math.radians(2.0)
 MANY_PARTICLES: Final = 50_000  # the fast filter has kernels of its own for them
@@ -60,11 +59,9 @@ class Woodman2008Params:
         restart_radius_m: Of the disc in which a depleted cloud is drawn again; doubled with each depletion in a row.
         restart_strides: Depletions are in a row where fewer strides than that lie between two of them.
         debug_particles: Largest number of particles that `debug` returns.
-        length_scale: Factor on every length.
-        drift_mean_rad: Expected turn that the unit adds to every stride of a walk.
-        drift_sigma_rad: Its spread over walks; 0 learns nothing.
-        drift_turn_sigma_rad: Noise of one observation of it; see `pdrbench_baselines.woodman2008.drift`.
-        search: Settings of the filter until it has converged, and again after a depletion; None: the same throughout.
+        learns_drift: Beyond the paper: what foot-mounted units do is taken into account; see `DriftParams`.
+        drift: How, where it is.
+        revises: Whether clouds are kept, from which `revise` draws the past.
     """
 
     filter: WoodmanFilterParams = field(default_factory=WoodmanFilterParams)
@@ -82,26 +79,29 @@ class Woodman2008Params:
     restart_radius_m: float = 3.0  # ours
     restart_strides: int = 30  # ours
     debug_particles: int = 20_000  # ours
-    length_scale: float = 1.0
-    drift_mean_rad: float = 0.0
-    drift_sigma_rad: float = 0.0
-    drift_turn_sigma_rad: float = math.radians(1.0)  # ours
-    search: WoodmanFilterParams | None = None
+    learns_drift: bool = False
+    drift: DriftParams = field(default_factory=DriftParams)
+    revises: bool = True
 
     def __post_init__(self) -> None:
         if self.mode not in FILTERS:
             raise unknown_name("mode", self.mode, FILTERS)
         lengths = ("cell_edge_m", "cluster_eps_m", "most_sigma_m", "start_radius_m", "restart_radius_m")
-        for name in (*lengths, "length_scale"):
+        for name in lengths:
             if not getattr(self, name) > 0:
                 raise PdrbenchError(f"woodman2008: {name} must be positive; got {getattr(self, name)!r}")
-        if self.search is not None and self.mode != "fast":
-            raise PdrbenchError("woodman2008: only the fast filter changes its settings; leave search out, or mode")
+        if self.learns_drift and self.mode != "fast":
+            raise PdrbenchError(
+                "woodman2008: only the fast filter changes its settings; leave learns_drift out, or mode"
+            )
 
     def of_filter(self, *, searching: bool = False) -> WoodmanFilterParams:
         """What the filter is set to, heights switched off where they are not used."""
-        params = self.search if searching and self.search is not None else self.filter
+        params = self.drift.search if searching and self.learns_drift else self.filter
         return params if self.use_height else dataclasses.replace(params, height_sigma_m=math.inf)
+
+
+WOODMAN2008: Final = Woodman2008Params()
 
 
 class Woodman2008:
@@ -115,14 +115,15 @@ class Woodman2008:
     Without a known start it begins with the first WLAN scan where there is a survey, with the first stride where the
     scan comes later, and answers the middle of the building until then.
 
+    `revise` gives the past by lines through the clouds. The cloud of a walker who was still sought is large: of each,
+    some thousand particles are kept. Lines begin with the cloud that was drawn last, the prior or that of a restart.
+
     Args:
-        params: See `Woodman2008Params`; a mapping of its fields will do.
+        params: See `Woodman2008Params`.
     """
 
-    def __init__(self, params: Woodman2008Params | Mapping[str, Any] | None = None) -> None:
-        if isinstance(params, Mapping) and isinstance(params.get("search"), Mapping):
-            params = {**params, "search": merged(WoodmanFilterParams(), params["search"], "woodman2008")}
-        self._params = merged(Woodman2008Params(), params, "woodman2008")
+    def __init__(self, params: Woodman2008Params = WOODMAN2008) -> None:
+        self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("stride",))
@@ -132,8 +133,12 @@ class Woodman2008:
         new_filter = self._filter_type()
         _warm_up(building, self._params, new_filter)
         self._filter = new_filter(building, rng, self._params.of_filter(searching=True))
-        p = self._params
-        self._drift = TurnDrift(p.drift_mean_rad, p.drift_sigma_rad, p.drift_turn_sigma_rad)
+        p, drift = self._params, self._params.drift
+        self._drift = TurnDrift(0.0, drift.sigma_rad if p.learns_drift else 0.0, drift.turn_sigma_rad)
+        self._length_scale = drift.length_scale if p.learns_drift else 1.0
+        self._steady_strides = drift.steady_strides if p.learns_drift else p.steady_strides
+        self._rng, self._last_s = rng, 0.0
+        self._past = BackwardSampler(KEPT_PARTICLES, MAX_STORED) if p.revises else None
         self._heading_rad: float | None = None
         self._region = FloorRegion.whole(building)
         self._heading: HeadingPrior | None = None
@@ -152,8 +157,18 @@ class Woodman2008:
     def step(self, observation: Observation) -> Estimate:
         self._look(observation)
         for t_s, length_m, height_m, turn_rad in observation["stride"].tolist():
-            self._stride(t_s, length_m, height_m, turn_rad)
-        return self._estimate
+            if self._past is None:
+                self._stride(length_m, height_m, turn_rad)
+            else:
+                self._stride_stored(self._past, t_s, length_m, height_m, turn_rad)
+        return self._estimate if self._past is None else self._past.answered(observation.now_s, self._estimate)
+
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept."""
+        if self._past is None:
+            return None
+        (rng,) = self._rng.spawn(1)
+        return self._past.revised(rng)
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """The particles, at most `debug_particles` of them, and the counts of the last stride."""
@@ -175,8 +190,7 @@ class Woodman2008:
     def _filter_type(self) -> Callable[..., Any]:
         return FILTERS[self._params.mode]
 
-    def _stride(self, t_s: float, length_m: float, height_m: float, turn_rad: float) -> None:
-        """One stride, which ended then."""
+    def _stride(self, length_m: float, height_m: float, turn_rad: float) -> None:
         self._update(length_m, height_m, turn_rad)
         if self._filter.is_depleted:
             self._restart()
@@ -191,9 +205,9 @@ class Woodman2008:
         if not self._filter.num_particles:
             self._start(self._region)
         self._walks = True
-        if p.search is not None:
+        if p.learns_drift:
             self._filter.adjust(p.of_filter(searching=not self._is_believed))
-        self._filter.update(p.length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
+        self._filter.update(self._length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
 
     def _learn(self, turn_rad: float) -> None:
         """Updates the drift by how much less the cloud has turned than the stride reported, while it is converged."""
@@ -259,7 +273,7 @@ class Woodman2008:
         self._clusters = clusters = cluster(cloud, self._building, params.cluster_eps_m)
         is_single = not is_many and len(clusters) == 1 and bool(clusters.sigma_m[0] <= params.most_sigma_m)
         self._single_strides = self._single_strides + 1 if is_single else 0
-        self._is_believed |= self._single_strides >= params.steady_strides
+        self._is_believed |= self._single_strides >= self._steady_strides
         self._has_converged |= is_single and self._is_believed
         self._estimate = Estimate(
             xy_m=clusters.xy_m[0],
@@ -269,34 +283,16 @@ class Woodman2008:
             converged=is_single and self._is_believed,
         )
 
-
-class Woodman2008Smoothed(Woodman2008):
-    """The same, its past revised when the walk is over (offline division) by lines through its clouds.
-
-    Answers on the way are those of `Woodman2008`. The cloud of a walker who was still sought is large: of each, some
-    thousand particles are kept. Lines begin with the cloud that was drawn last, the prior or that of a restart.
-    """
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        self._past = BackwardSampler(KEPT_PARTICLES, 2**21)
-        self._rng, self._last_s = rng, 0.0
-        super().reset(briefing, rng)
-
-    def step(self, observation: Observation) -> Estimate:
-        return self._past.answered(observation.now_s, super().step(observation))
-
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
-        (rng,) = self._rng.spawn(1)
-        return self._past.revised(rng)
-
-    def _stride(self, t_s: float, length_m: float, height_m: float, turn_rad: float) -> None:
-        if not len(self._past) and self._filter.num_particles:
-            self._past.follow(self._stored(self._last_s), self._last_s)
+    def _stride_stored(
+        self, past: BackwardSampler, t_s: float, length_m: float, height_m: float, turn_rad: float
+    ) -> None:
+        """One stride, which ended then, and its cloud."""
+        if not len(past) and self._filter.num_particles:
+            past.follow(self._stored(self._last_s), self._last_s)
         depletions, transition = self._depletions, self._transition(length_m, turn_rad - self._drift.mean_rad)
-        super()._stride(t_s, length_m, height_m, turn_rad)
-        is_first = not len(self._past) or self._depletions > depletions
-        self._past.follow(self._stored(t_s), self._last_s, None if is_first else transition)
+        self._stride(length_m, height_m, turn_rad)
+        is_first = not len(past) or self._depletions > depletions
+        past.follow(self._stored(t_s), self._last_s, None if is_first else transition)
         self._last_s = t_s
 
     def _stored(self, t_s: float) -> StoredCloud:
@@ -311,7 +307,7 @@ class Woodman2008Smoothed(Woodman2008):
 
     def _transition(self, length_m: float, turn_rad: float) -> Transition:
         p = self._params.of_filter(searching=not self._is_believed)
-        scaled_m, cosine, sine = self._params.length_scale * length_m, math.cos(turn_rad), math.sin(turn_rad)
+        scaled_m, cosine, sine = self._length_scale * length_m, math.cos(turn_rad), math.sin(turn_rad)
         place_m = math.hypot(p.length_sigma_m, p.heading_sigma_rad * scaled_m, KEPT_M)
         covariance = np.diag(np.square([place_m, place_m, *[math.hypot(p.heading_sigma_rad, KEPT_RAD)] * 2]))
 
@@ -321,11 +317,6 @@ class Woodman2008Smoothed(Woodman2008):
             return np.column_stack([state[:, :2] + scaled_m * heading, heading])
 
         return gaussian(expected, covariance)
-
-
-def smoothed(params: Mapping[str, Any] | None = None) -> Woodman2008Smoothed:
-    """`woodman2008-v0` with its past revised at the end (offline division)."""
-    return Woodman2008Smoothed(params)
 
 
 def _warm_up(building: Building, params: Woodman2008Params, new_filter: Callable[..., Any]) -> None:
@@ -340,51 +331,3 @@ def _warm_up(building: Building, params: Woodman2008Params, new_filter: Callable
         trial.update(0.0, 0.0, 0.0)
     clusters = cluster(trial.cloud(GUESS_PARTICLES), building, params.cluster_eps_m)
     floor_from(building, int(clusters.polygon[0]), clusters.xy_m[0], params.restart_radius_m)
-
-
-def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
-    """The same localizer, with what foot-mounted units do: lengths come short, and every walk has a drift to learn.
-
-    Length and spread of the drift are those of the error model that strides of version 0 are drawn from (sources.md,
-    note 1): there the localizer knows what no user would, and `drift_prior_elsewhere` does not. While it searches, the
-    heading is as uncertain as a drift that is not known yet makes it, it takes more particles, and a single cluster has
-    to stand for twenty strides. The settings were chosen on the train and val walks of `LabStrideLost-v2`.
-
-    Args:
-        params: Fields of `Woodman2008Params` to set otherwise.
-    """
-    errors = measured()
-    return Woodman2008(
-        {
-            "length_scale": 1.0 / (1.0 + errors.length_bias),
-            "drift_mean_rad": errors.drift_mean_rad,
-            "drift_sigma_rad": errors.drift_sigma_rad,
-            "steady_strides": 20,
-            "search": {"heading_sigma_rad": math.radians(1.0), "kld_epsilon": 0.0125, "max_particles": 2_000_000},
-            **(params or {}),
-        }
-    )
-
-
-DUAL_LENGTH_BIAS: Final = -0.01768  # of foot_dual; `pdrbench error-model --law`
-DUAL_DRIFT_RMS_DEG: Final = 0.1681  # likewise: -0.22 of the left foot, 0.10 of the right one
-
-
-def drift_prior_elsewhere(params: Mapping[str, Any] | None = None) -> Woodman2008:
-    """`drift_learned` with priors from a set that no environment draws its strides from.
-
-    The law that strides of version 1 are drawn with is fitted to six sets; the priors are the mean bias of length and
-    the root mean square of the drift of a seventh, `foot_dual`: two feet of one person, two walks, so that the prior
-    is wide and its mean is 0. All other settings are those of `drift_learned`.
-
-    Args:
-        params: Fields of `Woodman2008Params` to set otherwise.
-    """
-    return drift_learned(
-        {
-            "length_scale": 1.0 / (1.0 + DUAL_LENGTH_BIAS),
-            "drift_mean_rad": 0.0,
-            "drift_sigma_rad": math.radians(DUAL_DRIFT_RMS_DEG),
-            **(params or {}),
-        }
-    )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.errors import UnsuitableError
 from pdrbench.evaluation import evaluate, score
 from pdrbench.inertial import to_world
 from pdrbench.inertial.quaternions import inverse, multiply
@@ -18,17 +18,14 @@ from pdrbench.trajectory import Start
 from pdrbench_baselines.li2012.localizer import (
     GENERIC,
     Li2012,
-    generic,
-    heading_bias_learned,
-    narrow,
-    without_map,
-    without_warping,
+    Li2012Params,
 )
-from pdrbench_baselines.li2012.map_filter import StepModel
+from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilterParams
 from pdrbench_baselines.li2012.user_heading import facing
 
 STEP_HZ = 1.9
-SMALL = {"filter": {"num_particles": 500}}
+SMALL = Li2012Params(filter=StepModelFilterParams(num_particles=500))
+GENERIC_ONE = dataclasses.replace(SMALL, generic=True)
 Rows = dict[str, np.ndarray]
 
 
@@ -78,7 +75,7 @@ def play(localizer: Li2012, briefing: Briefing, rows: Mapping[str, np.ndarray], 
 
 
 def test_a_walk_down_an_alley(alley: Building) -> None:
-    answers = play(generic(SMALL), briefed(alley), carried(20.0))
+    answers = play(Li2012(GENERIC_ONE), briefed(alley), carried(20.0))
     expected_m = 20.0 * STEP_HZ * GENERIC.length_m(STEP_HZ)
     assert answers[-1, 0] == pytest.approx(expected_m, abs=2.5)  # two steps are not known yet, 1.0 m of spread
     assert np.abs(answers[:, 1]).max() < 0.8
@@ -87,8 +84,8 @@ def test_a_walk_down_an_alley(alley: Building) -> None:
 
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 400.0])
 def test_any_rate_gives_the_same_walk(alley: Building, rate_hz: float) -> None:
-    one = play(generic(SMALL), briefed(alley), carried(15.0))
-    other = play(generic(SMALL), briefed(alley, rate_hz=rate_hz), carried(15.0, rate_hz=rate_hz))
+    one = play(Li2012(GENERIC_ONE), briefed(alley), carried(15.0))
+    other = play(Li2012(GENERIC_ONE), briefed(alley, rate_hz=rate_hz), carried(15.0, rate_hz=rate_hz))
     assert other[-1] == pytest.approx(one[-1], abs=0.9)  # a step more or less
 
 
@@ -98,7 +95,7 @@ def test_five_hertz_are_too_few(alley: Building) -> None:
 
 
 def test_a_phone_put_down_for_a_minute_goes_nowhere(alley: Building) -> None:
-    answers = play(generic(SMALL), briefed(alley), carried(80.0, rest=(10.0, 70.0)))
+    answers = play(Li2012(GENERIC_ONE), briefed(alley), carried(80.0, rest=(10.0, 70.0)))
     assert answers[int(68 / 0.2)] == pytest.approx(answers[int(14 / 0.2)], abs=1e-9)
     walked_m = answers[-1, 0] - answers[int(68 / 0.2), 0]
     assert walked_m == pytest.approx(10.0 * STEP_HZ * GENERIC.length_m(STEP_HZ), rel=0.25)
@@ -106,11 +103,11 @@ def test_a_phone_put_down_for_a_minute_goes_nowhere(alley: Building) -> None:
 
 def test_without_a_rotation_vector_the_gyroscope_will_do(alley: Building) -> None:
     rows = carried(15.0)
-    with_rotation = play(generic(SMALL), briefed(alley), rows)
-    with_gyro = play(generic(SMALL), briefed(alley, ("accel", "gyro", "mag")), rows)
+    with_rotation = play(Li2012(GENERIC_ONE), briefed(alley), rows)
+    with_gyro = play(Li2012(GENERIC_ONE), briefed(alley, ("accel", "gyro", "mag")), rows)
     assert with_gyro[-1] == pytest.approx(with_rotation[-1], abs=0.5)
     start = Start(np.zeros(2), 0, heading_rad=0.0)
-    alone = play(generic(SMALL), briefed(alley, ("accel", "gyro"), start=start), rows)
+    alone = play(Li2012(GENERIC_ONE), briefed(alley, ("accel", "gyro"), start=start), rows)
     assert alone[-1] == pytest.approx(with_rotation[-1], abs=0.5)
 
 
@@ -132,28 +129,30 @@ def test_what_is_missing_is_named(
 
 
 def test_no_map_and_no_start_are_named(alley: Building) -> None:
-    with pytest.raises(UnsuitableError, match="li2012_nomap-v0 goes without"):
+    with pytest.raises(UnsuitableError, match="li2012.map=false goes without"):
         Li2012().reset(briefed(None), np.random.default_rng(0))
-    without_map(SMALL).reset(briefed(None), np.random.default_rng(0))
+    Li2012(dataclasses.replace(SMALL, map=False)).reset(briefed(None), np.random.default_rng(0))
     with pytest.raises(UnsuitableError, match="known start"):
         Li2012().reset(dataclasses.replace(briefed(alley), start=None), np.random.default_rng(0))
 
 
 def test_in_a_pocket_the_given_heading_relates_phone_and_walker(alley: Building) -> None:
     start = Start(np.zeros(2), 0, heading_rad=0.0)
-    answers = play(generic(SMALL), briefed(alley, start=start, mounting="pocket"), carried(15.0, pocket=True))
+    answers = play(Li2012(GENERIC_ONE), briefed(alley, start=start, mounting="pocket"), carried(15.0, pocket=True))
     assert answers[-1, 0] > 14.0
     assert abs(answers[-1, 1]) < 0.8
 
 
 def test_a_tap_off_the_floor_is_taken_to_the_floor(alley: Building) -> None:
-    answers = play(generic(SMALL), briefed(alley, start=Start(np.array([3.0, 8.0]), 0)), carried(5.0))
+    answers = play(Li2012(GENERIC_ONE), briefed(alley, start=Start(np.array([3.0, 8.0]), 0)), carried(5.0))
     assert alley.contains(answers, 0).all()
 
 
 def test_all_particles_are_depleted_at_the_end_of_the_alley(alley: Building) -> None:
     """Steps lead beyond the end of the building: particles are redrawn where they were, and counted."""
-    localizer = generic({"filter": {"num_particles": 50, "heading_sigma_rad": 0.0, "length_share": 0.0}})
+    localizer = Li2012(
+        Li2012Params(StepModelFilterParams(num_particles=50, heading_sigma_rad=0.0, length_share=0.0), generic=True)
+    )
     answers = play(localizer, briefed(alley, start=Start(np.array([58.0, 0.0]), 0)), carried(10.0))
     assert localizer.debug()["resets"] >= 1
     assert alley.contains(answers, 0).mean() > 0.9
@@ -171,49 +170,42 @@ def test_a_personal_model_is_where_the_next_walk_begins(alley: Building) -> None
     first = Li2012(SMALL)
     play(first, briefed(alley), carried(5.0))
     model = first.personal_model()
-    second = Li2012({"filter": {"num_particles": 500, "delta_a": 0.0, "delta_b": 0.0}}, model=model)
+    second = Li2012(Li2012Params(StepModelFilterParams(num_particles=500, delta_a=0.0, delta_b=0.0)), model=model)
     play(second, briefed(alley), carried(5.0))
     assert second.debug()["step_model"] == pytest.approx([model.a_m_per_hz, model.b_m])
     mine = StepModel(0.2, 0.5)
-    assert generic().personal_model() == GENERIC
-    fixed = Li2012({"personalises": False, **SMALL}, model=mine)
+    assert Li2012(GENERIC_ONE).personal_model() == GENERIC
+    fixed = Li2012(GENERIC_ONE, model=mine)
     play(fixed, briefed(alley), carried(5.0))
     assert fixed.personal_model() == mine
 
 
 def test_extrapolation_removes_the_wait_for_the_next_step(alley: Building) -> None:
     rows = carried(15.0)
-    lagging, now = (play(generic({**SMALL, "carries_on": on}), briefed(alley), rows) for on in (False, True))
+    lagging, now = (
+        play(Li2012(dataclasses.replace(GENERIC_ONE, carries_on=on)), briefed(alley), rows) for on in (False, True)
+    )
     speed_mps = STEP_HZ * GENERIC.length_m(STEP_HZ)
     later = slice(25, None)
     ahead_s = (now[later, 0] - lagging[later, 0]).mean() / speed_mps
     assert 0.4 < ahead_s < 0.9  # 0.37 s until a step is known, half a step on average until the next one is
 
 
-def test_the_variants_differ_in_their_estimates(alley: Building) -> None:
-    for make, fields in (
-        (generic, {"personalises": False, "stage": "PD+H+DTW", "uses_map": True}),
-        (without_warping, {"personalises": False, "stage": "PD+H", "uses_map": True}),
-        (without_map, {"personalises": True, "stage": "PD+H+DTW", "uses_map": False}),
-        (narrow, {"personalises": True, "stage": "PD+H+DTW", "uses_map": True}),
-        (heading_bias_learned, {"personalises": True, "stage": "PD+H+DTW", "uses_map": True}),
-    ):
-        for name, value in fields.items():
-            assert getattr(make()._params, name) == value
-
-
-def test_unknown_parameters_are_named() -> None:
-    with pytest.raises(PdrbenchError, match="did you mean 'personalises'"):
-        Li2012({"personalise": True})
+def test_settings_of_the_filter_follow_the_way_of_carrying_and_the_algorithm() -> None:
+    plain, biased = Li2012Params(), Li2012Params(heading_bias=True)
+    assert plain.of_filter(in_pocket=False) == plain.filter
+    assert plain.of_filter(in_pocket=True).heading_sigma_rad == plain.pocket_sigma_rad
+    assert dataclasses.replace(plain, generic=True).of_filter(in_pocket=False).delta_a == 0.0
+    own = biased.of_filter(in_pocket=False)
+    assert own.bias_sigma_rad > 0.0 and own.adjustment == 0.0 < plain.filter.adjustment
 
 
 @pytest.mark.data
-@pytest.mark.long(seconds=8)
 def test_real_walks_in_a_mall(data_root: Path) -> None:
     """The val walks of MallPhone-v2: 2.5 m with the map, 3.1 m without when this was written."""
     mean_m = {}
-    for name in ("li2012_generic-v0", "li2012_nomap-v0"):
+    for name in ("li2012?generic=true", "li2012?map=false"):
         results = evaluate(name, "MallPhone-v2", split="val", isolation="none", seeds=1).results
         mean_m[name] = np.mean([score(result)["mean_m"] for result in results])
-    assert mean_m["li2012_generic-v0"] < 2.9
-    assert mean_m["li2012_generic-v0"] < mean_m["li2012_nomap-v0"]
+    assert mean_m["li2012?generic=true"] < 2.9
+    assert mean_m["li2012?generic=true"] < mean_m["li2012?map=false"]

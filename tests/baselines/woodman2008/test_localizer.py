@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +13,12 @@ from pdrbench.filters import FilterError
 from pdrbench.geometry import wrap_rad
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap
-from pdrbench.registry import load_localizer, make_localizer
+from pdrbench.registry import make_localizer
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params, drift_learned
+from pdrbench_baselines.woodman2008.drift import DriftParams
+from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params
+from pdrbench_baselines.woodman2008.params import WoodmanFilterParams
 
 NO_STRIDE, NO_SCAN = np.zeros((0, 4)), np.zeros((0, 5))
 
@@ -72,8 +74,8 @@ def scan(*readings: tuple[int, float], t_s: float = 1.0) -> Observation:
     return Observation(t_s, {"stride": NO_STRIDE, "wifi": rows})
 
 
-def begun(building: Building, rng: np.random.Generator, start: Start | None, **options: object) -> Woodman2008:
-    localizer = Woodman2008(options)
+def begun(building: Building, rng: np.random.Generator, start: Start | None, **options: Any) -> Woodman2008:
+    localizer = Woodman2008(Woodman2008Params(**options))
     localizer.reset(brief(building, "stride", start=start), rng)
     return localizer
 
@@ -157,7 +159,7 @@ def test_a_scan_that_arrives_in_parts_is_one(corridor: Building, rng: np.random.
 
 def test_a_stride_before_the_scan_starts_everywhere(corridor: Building, rng: np.random.Generator) -> None:
     for options, first in (({}, stride(1.0)), ({"use_wifi": False}, scan((7, -60.0)))):
-        localizer = Woodman2008(options)
+        localizer = Woodman2008(Woodman2008Params(**options))
         localizer.reset(brief(corridor, "stride", "wifi", survey=True), rng)
         localizer.step(first)
         localizer.step(scan((7, -60.0), t_s=2.0))
@@ -223,21 +225,18 @@ def test_debug_is_thinned(corridor: Building, rng: np.random.Generator) -> None:
     assert {len(found[name]) for name in found if name.startswith("particles_")} == {len(found["particles_level"])}
 
 
-def test_options_as_json_knows_them(corridor: Building, rng: np.random.Generator) -> None:
-    options = json.loads('{"mode": "literal", "filter": {"max_particles": 1000}, "cluster_eps_m": 1.0}')
-    localizer = make_localizer("woodman2008-v0", params=options)
+def test_settings_that_cannot_be_are_refused(corridor: Building, rng: np.random.Generator) -> None:
+    localizer = make_localizer("woodman2008?mode=literal&filter.max_particles=1000&cluster_eps_m=1.0")
     localizer.reset(brief(corridor, "stride"), rng)
     assert localizer.debug()["num_particles"] == 1000  # type: ignore[attr-defined]
-    with pytest.raises(UnknownNameError, match="did you mean 'mode'"):
-        load_localizer("woodman2008-v0")(params={"mood": "fast"})
-    with pytest.raises(UnknownNameError, match="did you mean 'kld_epsilon'"):
-        Woodman2008({"filter": {"epsilon": 0.1}})
     with pytest.raises(UnknownNameError, match="no mode named 'slow'"):
-        Woodman2008({"mode": "slow"})
+        Woodman2008Params(mode="slow")  # type: ignore[arg-type]
     with pytest.raises(FilterError, match="kld_delta"):
-        Woodman2008({"filter": {"kld_delta": 2.0}})
+        WoodmanFilterParams(kld_delta=2.0)
     with pytest.raises(PdrbenchError, match="cluster_eps_m must be positive"):
-        Woodman2008({"cluster_eps_m": 0.0})
+        Woodman2008Params(cluster_eps_m=0.0)
+    with pytest.raises(PdrbenchError, match="only the fast filter"):
+        Woodman2008Params(mode="literal", learns_drift=True)
 
 
 def test_unsuitable_environments_are_declined(corridor: Building, rng: np.random.Generator) -> None:
@@ -253,8 +252,8 @@ def test_unsuitable_environments_are_declined(corridor: Building, rng: np.random
 
 def test_learns_the_drift_of_a_walk(corridor: Building) -> None:
     """Every stride claims 0.5 degrees more than was turned; a corridor of 2 m takes that back."""
-    expected = {"drift_mean_rad": 0.0, "drift_sigma_rad": math.radians(0.3)}
-    localizer = drift_learned({"length_scale": 1.0, **expected})
+    drift = DriftParams(length_scale=1.0, sigma_rad=math.radians(0.3))
+    localizer = Woodman2008(Woodman2008Params(learns_drift=True, drift=drift))
     localizer.reset(brief(corridor, "stride", start=at(1.0, 1.0, 0.0)), np.random.default_rng(4))
     for step in range(120):
         turn_rad = math.radians(0.5) + (math.pi if step % 30 == 29 else 0.0)
@@ -266,9 +265,7 @@ def test_learns_the_drift_of_a_walk(corridor: Building) -> None:
 def test_searching_has_settings_of_its_own(corridor: Building) -> None:
     """With a quarter of epsilon the prior takes about four times the particles; after convergence it does not."""
     counts = {}
-    for search in (None, {"kld_epsilon": 0.0125}):
-        localizer = begun(corridor, np.random.default_rng(3), None, search=search)
-        counts[search is None] = int(localizer.debug()["num_particles"])
-    assert counts[False] == pytest.approx(4 * counts[True], rel=0.1)
-    with pytest.raises(PdrbenchError, match="only the fast filter"):
-        Woodman2008({"mode": "literal", "search": {"kld_epsilon": 0.0125}})
+    for learns_drift in (False, True):
+        localizer = begun(corridor, np.random.default_rng(3), None, learns_drift=learns_drift)
+        counts[learns_drift] = int(localizer.debug()["num_particles"])
+    assert counts[True] == pytest.approx(4 * counts[False], rel=0.1)

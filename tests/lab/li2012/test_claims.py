@@ -5,6 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from pdrbench.params import merged
+from pdrbench.registry import make_localizer
+from pdrbench_baselines.li2012.localizer import LI2012
 from pdrbench_baselines.li2012.map_filter import StepModel
 from pdrbench_lab.papers.li2012.claims import REPRODUCTION, all_in_order, in_order, less_by
 from pdrbench_lab.papers.li2012.corridor_phone.corridor import CORRIDOR
@@ -25,10 +28,8 @@ def lap(crowd):
 
 
 def test_the_algorithms_are_the_registered_localizers():
-    from pdrbench_baselines.li2012.localizer import Li2012, generic, without_warping
-
-    for name, make in (("alg1", without_warping), ("alg2", generic), ("alg3", Li2012)):
-        assert make()._params == Li2012(ALGORITHMS[name])._params, name
+    for name, query in (("alg1", "?generic=true&warping=false"), ("alg2", "?generic=true"), ("alg3", "")):
+        assert make_localizer(f"li2012{query}")._params == merged(LI2012, ALGORITHMS[name], "li2012"), name
 
 
 def test_steps_are_followed_to_where_the_body_was(crowd, lap):

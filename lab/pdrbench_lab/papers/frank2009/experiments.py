@@ -21,7 +21,7 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.registry import make_task
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.frank2009.ekf import moved, moved_jacobian
-from pdrbench_baselines.frank2009.localizer import LOWER, Frank2009, Frank2009Params, WlanFrank2009, robust
+from pdrbench_baselines.frank2009.localizer import LOWER, Frank2009, Frank2009Params, WlanFrank2009
 from pdrbench_baselines.frank2009.step_sensor import FootSteps
 from pdrbench_lab.papers.paper_walks import walk_of
 
@@ -68,7 +68,11 @@ def hallway(seed: int) -> dict[str, Any]:
     recording, briefing = walk_of(ENV, seed)
     cascade = Frank2009()
     numbers: dict[str, Any] = {}
-    made: dict[str, Localizer] = {"wlan": WlanFrank2009(), "fused": cascade, "robust": robust()}
+    made: dict[str, Localizer] = {
+        "wlan": WlanFrank2009(),
+        "fused": cascade,
+        "robust": Frank2009(Frank2009Params(degrees=3.0)),
+    }
     for name, localizer in made.items():
         error_m = errors_m(answers(localizer, recording, briefing), recording)
         some_m = error_m[recorded(seed, len(error_m))]
@@ -104,7 +108,7 @@ def pace(seed: int) -> dict[str, Any]:
     walk = task.split("test")[seed]
     slow, recording = task.load(walk), load_of(walk, PersonParams())
     briefing = task.brief(recording)
-    shoe = {"lower": replace(LOWER, detector=DETECTORS["shoe"])}
+    shoe = Frank2009Params(lower=replace(LOWER, detector=DETECTORS["shoe"]))
     makes: dict[str, Localizer] = {"wlan": WlanFrank2009(), "interval": Frank2009(), "shoe": Frank2009(shoe)}
     numbers = {name: errors_m(answers(made, recording, briefing), recording) for name, made in makes.items()}
     numbers["slow_shoe"] = errors_m(answers(Frank2009(shoe), slow, briefing), slow)

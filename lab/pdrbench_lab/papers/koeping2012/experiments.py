@@ -17,7 +17,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.sensors.position import PositionErrors, Reading, measure
 from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
-from pdrbench_baselines.koeping2012.localizer import Koeping2012
+from pdrbench_baselines.koeping2012.localizer import Koeping2012, KoepingParams
 from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
 from pdrbench_baselines.koeping2012.movement_cells import cut_floor
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
@@ -56,7 +56,7 @@ def accuracy(seed: int) -> dict[str, Any]:
 
         def error_m(runs: int, **options: Any) -> float:
             answers = (
-                play(Koeping2012(options), briefing, rows, np.random.default_rng([seed, run]))  # noqa: B023
+                play(Koeping2012(KoepingParams(**options)), briefing, rows, np.random.default_rng([seed, run]))  # noqa: B023
                 for run in range(runs)
             )
             return float(np.mean([np.hypot(*(xy_m - true_m).T).mean() for xy_m in answers]))  # noqa: B023
@@ -181,7 +181,7 @@ def speed(seed: int) -> dict[str, Any]:
     rows = recording.streams["position"].rows[: UPDATES_TIMED + 1]
     update_s = []
     for count in SPEED_COUNTS:
-        localizer = Koeping2012({"num_particles": count})
+        localizer = Koeping2012(KoepingParams(num_particles=count))
         localizer.reset(briefing, np.random.default_rng(0))
         took_s = []
         for row in rows if count <= 100_000 else rows[:6]:

@@ -14,11 +14,13 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
+from pdrbench.inertial import STAGES
 from pdrbench.inertial.step_detection import find_steps
 from pdrbench.localizer import Briefing, Observation
+from pdrbench.params import merged
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.li2012.localizer import Li2012
+from pdrbench_baselines.li2012.localizer import LI2012, Li2012
 from pdrbench_baselines.li2012.map_filter import StepModel
 from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     CORRIDOR,
@@ -44,8 +46,8 @@ _SCENE, _PERSON, _LAPS, _WALK, _TAP, _FILTER, _HANDLING = range(7)  # one stream
 # Fields of `Li2012Params`: the three algorithms of the paper's Fig. 11, as `li2012_nodtw-v0`, `li2012_generic-v0` and
 # `li2012-v0` have them.
 ALGORITHMS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "alg1": {"personalises": False, "stage": "PD+H"},
-    "alg2": {"personalises": False},
+    "alg1": {"generic": True, "warping": False},
+    "alg2": {"generic": True},
     "alg3": {},
 }
 LOST_M: Final = 6.0  # L22
@@ -184,11 +186,13 @@ def follow(
             `LOST_STEPS` answers on end more than `lost_m` off. A finger taps as it does at the start.
         lost_m: See `taps_again`.
     """
-    localizer = Li2012(params, model=model)
+    localizer = Li2012(merged(LI2012, params, "li2012"), model=model)
     localizer.reset(briefing, rng)
     (finger,) = rng.spawn(1)
     particles = localizer.filter
-    steps = find_steps(recording.streams["accel"].rows, 50.0, stage=params.get("stage", "PD+H+DTW"))
+    steps = find_steps(
+        recording.streams["accel"].rows, 50.0, stage=STAGES[-1] if params.get("warping", True) else STAGES[-2]
+    )
     reference = recording.reference
     true_xy_m = np.column_stack([np.interp(steps.end_s, reference.t_s, column) for column in reference.xy_m.T])
     true_length_m = walked_m(reference, steps.begin_s, steps.end_s)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -20,10 +19,11 @@ from pdrbench.filters.kld import kld_bound, normal_quantile
 from pdrbench.filters.map_walk import MAX_EXPONENT
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Observation
+from pdrbench.params import merged
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.localizer import FILTERS, Woodman2008, drift_prior_elsewhere
+from pdrbench_baselines.woodman2008.localizer import FILTERS, WOODMAN2008, Woodman2008
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
@@ -111,7 +111,6 @@ def run(
     briefing: Briefing,
     rng: np.random.Generator,
     *,
-    make: Callable[[Mapping[str, Any]], Woodman2008] = Woodman2008,
     until_converged: bool = False,
     **options: Any,
 ) -> Run:
@@ -121,11 +120,11 @@ def run(
         recording: The walk.
         briefing: What is given.
         rng: Of the localizer.
-        make: Makes it.
         until_converged: Stop at the first convergence.
         options: Parameters of the localizer; `FILTER` is the paper's filter.
     """
-    localizer = make({"debug_particles": 1, "filter": FILTER, **options})
+    settings = {"debug_particles": 1, "filter": FILTER, "revises": False, **options}
+    localizer = Woodman2008(merged(WOODMAN2008, settings, "woodman2008"))
     localizer.reset(briefing, rng)
     nothing = {name: np.zeros((0, len(spec.columns))) for name, spec in briefing.sensors.items()}
     if "wifi" in briefing.sensors:
@@ -156,7 +155,7 @@ def run(
     )
 
 
-def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[str, Any]:
+def _track(seed: int, *, learns_drift: bool) -> dict[str, Any]:
     """Five runs over one walk of 16 minutes from an unknown start (W1, W11, W15, W16)."""
     from pdrbench_lab.papers.woodman2008.lab_stride.lab import in_tracked_wing
 
@@ -164,7 +163,10 @@ def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[
     rested_m, level = recording.reference.xy_m[1:], recording.reference.level[1:]
     in_wing = in_tracked_wing(map_of(recording), rested_m, level)
     bat_m = rested_m + np.random.default_rng([seed, RUNS]).normal(0.0, BAT_SIGMA_M, rested_m.shape)
-    runs = [run(recording, briefing, np.random.default_rng([seed, number]), make=make) for number in range(RUNS)]
+    runs = [
+        run(recording, briefing, np.random.default_rng([seed, number]), learns_drift=learns_drift)
+        for number in range(RUNS)
+    ]
     matched = [np.hypot(*(one.xy_m - bat_m)[one.converged & in_wing].T) for one in runs]
     found = [errors_m for errors_m, one in zip(matched, runs, strict=True) if one.is_correct(one.first)]
     return {
@@ -182,11 +184,9 @@ def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[
     }
 
 
-def _converge(
-    env: str, seed: int, make: Callable[[Mapping[str, Any]], Woodman2008], runs: int = RUNS, **options: Any
-) -> dict[str, Any]:
+def _converge(env: str, seed: int, runs: int = RUNS, **options: Any) -> dict[str, Any]:
     """Runs to convergence from one WLAN scan (W14, W16), or with heights that weigh nothing (W17)."""
-    found = converge(*walk_of(env, seed), seed, runs, make=make, **options)
+    found = converge(*walk_of(env, seed), seed, runs, **options)
     return {"prior_particles": [one.prior_particles for one in found], **_convergence(found)}
 
 
@@ -199,10 +199,10 @@ def converge(recording: Recording, briefing: Briefing, seed: int, runs: int = RU
 
 
 # With the settings of the paper, and with the drift of the walk learned.
-track, track_drift = partial(_track, make=Woodman2008), partial(_track, make=drift_prior_elsewhere)
-track_wlan, track_wlan_drift = (partial(_converge, WLAN, make=make) for make in (Woodman2008, drift_prior_elsewhere))
+track, track_drift = (partial(_track, learns_drift=learns) for learns in (False, True))
+track_wlan, track_wlan_drift = (partial(_converge, WLAN, learns_drift=learns) for learns in (False, True))
 track_blind, track_blind_drift = (
-    partial(_converge, LOST, make=make, runs=1, use_height=False) for make in (Woodman2008, drift_prior_elsewhere)
+    partial(_converge, LOST, learns_drift=learns, runs=1, use_height=False) for learns in (False, True)
 )
 
 

@@ -1,15 +1,15 @@
-"""`woodman2008-v0` with its particles on a GPU."""
+"""`woodman2008` with its particles on a GPU."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params
+from pdrbench_baselines.woodman2008.localizer import WOODMAN2008, Woodman2008, Woodman2008Params
 
 REMEDY: Final = (
     "install pdrbench-lab[gpu] where there is an NVIDIA GPU, and run without --confined, since a confined process sees "
@@ -30,17 +30,17 @@ def why_no_gpu() -> str:
 class Woodman2008Gpu(Woodman2008):
     """The particle filter of Woodman & Harle (2008) on a GPU, for clouds of millions of particles.
 
-    The same random numbers, batches and answers as `woodman2008-v0` but for rounding, and for the order of particles
+    The same random numbers, batches and answers as `woodman2008` but for rounding, and for the order of particles
     where they are many. Declines every walk where no CUDA device is found.
 
     Args:
         params: See `Woodman2008Params`; `mode` is "fast".
     """
 
-    def __init__(self, params: Woodman2008Params | Mapping[str, Any] | None = None) -> None:
+    def __init__(self, params: Woodman2008Params = WOODMAN2008) -> None:
         super().__init__(params)
         if self._params.mode != "fast":
-            raise PdrbenchError(f"mode {self._params.mode!r} runs on a processor: use woodman2008-v0 with it")
+            raise PdrbenchError(f"mode {self._params.mode!r} runs on a processor: use woodman2008 with it")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if reason := why_no_gpu():
