@@ -129,7 +129,7 @@ def test_what_is_missing_is_named(
 
 
 def test_no_map_and_no_start_are_named(alley: Building) -> None:
-    with pytest.raises(UnsuitableError, match="li2012.map=false goes without"):
+    with pytest.raises(UnsuitableError, match=r"li2012\?map=false goes without"):
         Li2012().reset(briefed(None), np.random.default_rng(0))
     Li2012(dataclasses.replace(SMALL, map=False)).reset(briefed(None), np.random.default_rng(0))
     with pytest.raises(UnsuitableError, match="known start"):
