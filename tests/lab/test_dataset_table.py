@@ -81,6 +81,5 @@ def test_the_command_makes_and_refreshes_a_table(folder: Path, tmp_path: Path, m
     assert read_table(out.read_bytes(), "walks.json").licence == "MIT"
 
 
-@pytest.mark.data
 def test_the_packaged_ilc20_table_is_that_of_its_folder(data_root: Path) -> None:
     assert make_table(data_root / "ilc20", dataset("ilc20")) == dataset("ilc20")

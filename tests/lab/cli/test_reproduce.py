@@ -66,7 +66,6 @@ def test_for_people_and_with_a_gate_that_is_missed(command: Any, tmp_path: Path)
     assert strict.code == 1 and strict.err.splitlines()[-1] == "pdrbench: gates missed: T1"
 
 
-@pytest.mark.slow
 def test_unmeasured_or_undrawn_parts_are_no_success(
     command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

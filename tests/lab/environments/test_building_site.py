@@ -29,7 +29,6 @@ def test_both_have_the_same_walks() -> None:
         assert one.streams["position"].rows.tobytes() != other.streams["position"].rows.tobytes()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("split", list(SPLITS))
 def test_every_walk_takes_three_minutes_through_rooms(split: str) -> None:
     task = TASKS[DRIFT]

@@ -39,7 +39,6 @@ def test_people_are_parted_and_positions_are_all_there():
     assert positions == set(phone_steps.MOUNTINGS)
 
 
-@pytest.mark.data
 def test_the_place_is_the_count(recorded):
     task = make_task(ENV)
     walk = task.load(task.split("train")[0])
@@ -50,7 +49,6 @@ def test_the_place_is_the_count(recorded):
     assert 200 < counted[-1] < 400 and walk.mounting in phone_steps.MOUNTINGS.values()
 
 
-@pytest.mark.data
 def test_a_counter_errs_by_few_steps_and_standing_still_by_all(recorded):
     """Errors in metres are steps: the final count errs by at most 3 %, without any step by 100 %."""
     scores: dict[str, list[dict[str, float]]] = {}

@@ -24,8 +24,7 @@ SETS = {
     experiments.SHORT: "foot_short",
 }
 
-LONG_S = {"capture_played": 15.0, "walks_played": 9.0, "loops_played": 4.0, "capture_labels": 4.0}
-# The others, `short_played` among them, take a second or two.
+DEAR = {"capture_played", "walks_played", "loops_played", "capture_labels", "left_out"}  # `pdrbench reproduce foot_ins`
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +49,7 @@ def test_every_claim_is_listed() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.long(seconds=LONG_S[name])] if name in LONG_S else [])
-        for name in (experiment.name for experiment in REPRODUCTION.experiments)
-        if name != "left_out"  # minutes, and it reports gates that are missed
-    ],
+    [experiment.name for experiment in REPRODUCTION.experiments if experiment.name not in DEAR],
 )
 def test_gates_hold_on_recordings(name: str, data_root: Path) -> None:
     (experiment,) = (one for one in REPRODUCTION.experiments if one.name == name)

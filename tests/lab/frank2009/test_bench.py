@@ -68,7 +68,6 @@ def test_nothing_is_left_to_compile_after_warming_up(rng: np.random.Generator) -
     assert [len(kernel.signatures) for kernel in KERNELS] == known
 
 
-@pytest.mark.slow
 def test_the_radio_bench_has_its_rows() -> None:
     lines: list[str] = []
     rows = {row.name: row for row in radio.run(True, lines.append)}

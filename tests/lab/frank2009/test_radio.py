@@ -66,9 +66,6 @@ def measured(data_root: Path) -> Numbers:
     return radio.uji(0)
 
 
-@pytest.mark.data
-@pytest.mark.slow
-@pytest.mark.long(seconds=8)
 def test_the_published_figure_is_met_exactly(measured: Numbers) -> None:
     assert round(100 * float(measured["nearest_hit_share"]), 2) == 89.92
     assert round(float(measured["nearest_hit_mercator_m"]), 2) == 7.90
@@ -78,8 +75,6 @@ def test_the_published_figure_is_met_exactly(measured: Numbers) -> None:
         assert claim.gate is None or claim.gate.holds(value)
 
 
-@pytest.mark.data
-@pytest.mark.slow
 def test_the_distance_on_a_large_survey(measured: Numbers) -> None:
     """As written it fails where fingerprints hold different access points; each option mends a part of it."""
     hit = {name: float(measured[f"{name}_hit_share"]) for name in ("scan_ignore", "scan_penalise", "knn")}

@@ -20,8 +20,7 @@ def numbers_of(name: str) -> dict:
     return {key: np.array(value) if isinstance(value, list) else value for key, value in found.items()}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["table", pytest.param("beyond", marks=pytest.mark.long(seconds=8))])
+@pytest.mark.parametrize("name", ["table"])
 def test_deterministic_claims_hold_for_one_walk(name: str) -> None:
     numbers = numbers_of(name)
     for claim in REPRODUCTION.claims:

@@ -27,7 +27,6 @@ from pdrbench_lab.learned.batches import UNCHANGED, Feed  # noqa: E402
 from pdrbench_lab.learned.data import Way, bent_way, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
 from pdrbench_lab.learned.model import ARCHITECTURES, Network, NetworkOutput, surprise  # noqa: E402
 from pdrbench_lab.learned.people import train_person  # noqa: E402
-from pdrbench_lab.learned.train import MODEL, TrainParams, train  # noqa: E402
 
 FIGURE_M = 0.576  # error in a second of 8 people after 3 + 2 epochs of 40 others; walkers move by 1 m
 SENSORS = ("accel", "gyro", "rotation")
@@ -112,7 +111,6 @@ def test_surprise_is_minus_the_log_likelihood() -> None:
 
 
 @pytest.mark.parametrize("arch", sorted(ARCHITECTURES))
-@pytest.mark.slow
 def test_second_by_second_gives_what_the_whole_walk_gives(arch: str) -> None:
     torch.manual_seed(2)
     network, window, height_m = Network(arch, 8).eval(), torch.randn(2, 5, 9, 200), torch.full((2, 5), 1.8)
@@ -214,20 +212,6 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
     assert len(part.end) > 36
 
 
-@pytest.mark.long(seconds=40)
-def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> None:
-    small = TrainParams(width=8, sources=("bearers",), people=40, val_people=8, epochs=3, memory_epochs=2, threads=1)
-    whole = train(tmp_path / "whole", small, windows_in=tmp_path)
-    assert whole.error_m == pytest.approx(FIGURE_M, abs=0.05)  # other processors round otherwise
-    for _ in range(small.epochs + small.memory_epochs):
-        parts = train(tmp_path / "parts", small, windows_in=tmp_path, budget_min=0.0)  # an epoch each
-    assert (tmp_path / "whole" / MODEL).read_bytes() == (tmp_path / "parts" / MODEL).read_bytes()
-    assert parts == whole
-    with pytest.raises(PdrbenchError, match="other settings"):
-        train(tmp_path / "parts", dataclasses.replace(small, rate=1.0), windows_in=tmp_path)
-
-
-@pytest.mark.slow
 def test_windows_are_made_again_to_the_byte_by_any_number_of_processes(tmp_path) -> None:
     for name, jobs in (("one", 1), ("two", 2)):
         load_or_gather(tmp_path / name, ("people",), 2, "val", jobs=jobs)

@@ -50,8 +50,6 @@ def test_false_and_missed_steps_of_walks():
         assert 0 <= missed[0] <= missed[1] <= missed[2] < 10
 
 
-@pytest.mark.data
-@pytest.mark.slow
 def test_recorded_steps_in_all_positions(data_root):
     if not (data_root / "phone_steps").is_dir():
         pytest.skip("phone_steps not found")

@@ -60,7 +60,6 @@ def full(data_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.skip("ilc20_full is not under PDRBENCH_DATA")
 
 
-@pytest.mark.data
 def test_the_survey_of_test_is_counted_by_group_and_floor(full: None, command: Any) -> None:
     found = json.loads(command("malls", "survey", "--json").out)
     parts = {row["part"]: row for row in found["parts"]}
@@ -71,7 +70,6 @@ def test_the_survey_of_test_is_counted_by_group_and_floor(full: None, command: A
     assert all(row["0-3 m"] + row["3-10 m"] + row["> 10 m"] == pytest.approx(1.0, abs=0.011) for row in found["floors"])
 
 
-@pytest.mark.data
 def test_faults_of_plans_are_counted_and_no_test_walk_is_named(full: None, command: Any) -> None:
     found = json.loads(command("malls", "plans", "--json").out)
     total = found["floors"][-1]
@@ -80,7 +78,6 @@ def test_faults_of_plans_are_counted_and_no_test_walk_is_named(full: None, comma
     assert found["walks"] and not any(walk.startswith("test") for walk in found["walks"])
 
 
-@pytest.mark.data
 def test_with_its_own_session_a_survey_has_the_other_walks_of_that_and_no_more(full: None) -> None:
     task, other = make_task("MallPhone-v2"), make_task(f"{own_session.__file__}:known")
     walk = max(task.split("val"), key=lambda walk: len(others(walk)))
@@ -95,11 +92,3 @@ def test_with_its_own_session_a_survey_has_the_other_walks_of_that_and_no_more(f
 def others(walk: str) -> list[str]:
     played = played_walks()[walk].walk
     return [each.path for each in walks() if each.session == played.session and each.path != played.path]
-
-
-@pytest.mark.data
-@pytest.mark.long(seconds=60)
-def test_who_uses_no_survey_gains_nothing_from_his_own_session(full: None, command: Any) -> None:
-    rows = json.loads(command("malls", "own-session", "stay-v0", "--isolation", "none", "--json").out)["rows"]
-    assert [row["difference"] for row in rows] == [0.0, 0.0]
-    assert [row["walks"] for row in rows] == [87, 87]

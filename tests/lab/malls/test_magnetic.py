@@ -73,7 +73,6 @@ def test_a_walk_without_a_magnetometer_makes_no_sample() -> None:
         assert xy_m.shape == (0, 2) and field_ut.shape == (0, 3)
 
 
-@pytest.mark.data
 def test_the_survey_is_made_of_the_walks_of_the_radio_survey(full: Path) -> None:
     """On each level as far apart as walks are; of no walk of the own fold; the magnitude is that of the Earth."""
     made = magnetic.task()

@@ -267,7 +267,6 @@ def test_a_missing_column_and_a_cut_end_are_named(tmp_path: Path) -> None:
     assert dict(foot_short.read(path).report.dropped) == {"last line cut": 1}
 
 
-@pytest.mark.data
 def test_the_recorded_loops_have_their_known_facts(data_root: Path) -> None:
     """9.88 m/s^2 and a still shoe at both ends, a field of 49 microtesla, 249.76 Hz; read in a fifth of a second."""
     paths = sorted((data_root / "foot_loops").glob("Measurement_*/data_inert.txt"))
@@ -290,7 +289,6 @@ def test_the_recorded_loops_have_their_known_facts(data_root: Path) -> None:
     assert min(took_s) < 0.2
 
 
-@pytest.mark.data
 def test_the_recorded_short_walk_has_its_known_facts(data_root: Path) -> None:
     path = data_root / "foot_short" / "short_walk.csv"
     if not path.is_file():

@@ -43,7 +43,6 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scorecard, "measure_blocks", measured)
 
 
-@pytest.mark.slow
 def test_for_people(command: Any) -> None:
     done = command("validate-sim", "--block", WALK, "--block", PUBLISHED)
     assert done.code == 0

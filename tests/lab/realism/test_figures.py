@@ -49,7 +49,6 @@ def test_one_far_value_does_not_squeeze_the_rest() -> None:
     assert figure is not None and figure.axes[0].get_xlim()[1] < 1.0
 
 
-@pytest.mark.slow
 def test_the_same_values_give_the_same_files_and_a_broken_block_none(tmp_path: Path) -> None:
     measured = [measure(name, RealSource(), 0, None) for name in (WALK, "toy_blocks:BROKEN", "toy_blocks:PUBLISHED")]
     found = make_scorecard(measured, part="judge", seed=0, stored=EMPTY)

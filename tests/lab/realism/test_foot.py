@@ -67,7 +67,6 @@ def test_closure_of_a_synthetic_loop() -> None:
     assert literal < 3.0 and adaptive < 1.0
 
 
-@pytest.mark.slow
 def test_same_seed_same_values_and_every_row_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foot, "WALKS_OF_SET", 4)
     monkeypatch.setattr(foot, "WALKS_OF_PERSON", {False: 2, True: 1})
@@ -88,7 +87,6 @@ def test_walks_of_one_person_share_a_cluster(monkeypatch: pytest.MonkeyPatch) ->
     assert abs(np.diff(one)[0]) < 0.5 * one.mean() and len(set(other)) == 2
 
 
-@pytest.mark.long(seconds=5)
 def test_without_heel_strike_a_row_changes() -> None:
     control = FOOT_IMU.controls["no heel strike"]
     right, wrong = FOOT_IMU.synthetic(3, 2), control.synthetic(3, 2)
@@ -103,7 +101,6 @@ def test_a_unit_without_aid_is_lost_after_a_minute() -> None:
     assert row.rule.low < np.median(FREE_INERTIAL.synthetic(0, 12)["error_60s"]) < row.rule.high
 
 
-@pytest.mark.long(seconds=4)
 def test_the_error_model_of_the_simulated_unit_is_the_measured_one() -> None:
     values = FOOT_INS.synthetic(1, 2)
     for row in FOOT_INS.statistics:
@@ -112,7 +109,6 @@ def test_the_error_model_of_the_simulated_unit_is_the_measured_one() -> None:
     assert -3.2 < float(values["gate_length_bias"][0]) < -0.7  # of two people, who differ by 0.8 %
 
 
-@pytest.mark.data
 def test_the_stored_shape_is_that_of_the_recordings(data_root: Path) -> None:
     for name in ("foot_stride_gcp", "foot_short"):
         if not (data_root / name).is_dir():
@@ -121,14 +117,3 @@ def test_the_stored_shape_is_that_of_the_recordings(data_root: Path) -> None:
     for gait in ("walk", "run"):
         assert found[gait]["num_strides"] == stored[gait]["num_strides"]
         np.testing.assert_allclose(found[gait]["mean"], stored[gait]["mean"], atol=1e-5)
-
-
-@pytest.mark.data
-@pytest.mark.long(seconds=10)  # the shape that is fitted on them is compared every day
-def test_recorded_walks_that_were_fitted_on(data_root: Path) -> None:
-    if not (data_root / "foot_stride_gcp").is_dir() or not (data_root / "foot_short").is_dir():
-        pytest.skip("the sets are not available")
-    real, ours = FOOT_IMU.real("fit"), FOOT_IMU.synthetic(1, 6)
-    for name in ("stride_time", "peak_accel_fast", "peak_rate", "stance"):
-        low, high = np.percentile(ours[name], [10, 90])
-        assert low < np.median(real[name]) < high, name

@@ -58,7 +58,6 @@ def test_shuffling_steps_makes_the_row_fail():
     assert not rule.low <= np.median(exponents) <= rule.high
 
 
-@pytest.mark.slow
 def test_the_same_seed_gives_the_same_values():
     one, same, other = (gait.synthetic(seed, 2) for seed in (3, 3, 4))
     assert {name for name in one if ":" not in name} == {statistic.name for statistic in gait.GAIT.statistics}
@@ -70,7 +69,6 @@ def test_the_same_seed_gives_the_same_values():
         assert one[name].tobytes() == more[name][:2].tobytes()
 
 
-@pytest.mark.long(seconds=4)
 def test_recorded_walks_vary_by_some_percent(data_root):
     for part in ("fit", "judge"):
         values = gait.real(part)

@@ -136,7 +136,6 @@ def test_sets_are_made_of_whole_floors():
         assert (counts // sizes).sum() == 6
 
 
-@pytest.mark.long(seconds=5)
 def test_synthetic_headings_are_within_reach_of_the_published_figures(synthetic):
     """sources.md 1.5: 10.9 degrees in the mean and 30.8 at 95 %; the recorded walks have 13 and 37."""
     assert 9 < np.median(synthetic["mean"]) < 18
@@ -145,7 +144,6 @@ def test_synthetic_headings_are_within_reach_of_the_published_figures(synthetic)
     assert 1.4 < np.median(LEGS.synthetic(1, COUNT)["missed_mean"]) < 2.4
 
 
-@pytest.mark.long(seconds=5)
 def test_a_phone_with_a_perfect_attitude_fails_the_row(synthetic):
     control = HEADING.controls["true attitude"]
     perfect = control.synthetic(1, COUNT)[control.statistic]

@@ -117,7 +117,6 @@ def test_synthetic_pockets_are_the_same_again_and_alternate():
     assert np.median(one["lag_1_to_2"]) > 1.2
 
 
-@pytest.mark.data
 def test_recorded_walks_of_surveyors(data_root):
     if not (data_root / phone.HAND_DATASET).is_dir():
         pytest.skip("ilc20 not found")
@@ -127,7 +126,6 @@ def test_recorded_walks_of_surveyors(data_root):
     assert np.median(found["f1_hz"]) == pytest.approx(1.88, abs=0.05)
 
 
-@pytest.mark.data
 def test_recorded_pockets_alternate(data_root):
     if not (data_root / phone.POCKET_DATASET).is_dir():
         pytest.skip("phone_steps not found")

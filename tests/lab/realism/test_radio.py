@@ -96,7 +96,6 @@ def test_ages_and_entries_are_counted_by_walk():
     assert values["wifi_period_s"].tolist() == [2.5]
 
 
-@pytest.mark.long(seconds=8)
 def test_a_synthetic_floor_has_every_statistic():
     values = radio.RADIO.synthetic(1, 1)
     assert {statistic.name for statistic in radio.RADIO.statistics} == set(values)
@@ -121,7 +120,6 @@ def floor() -> list[SurveyWalk]:
     return radio.survey_floor(np.random.default_rng([4, 0]))
 
 
-@pytest.mark.long(seconds=5)
 def test_surveyors_come_from_elsewhere_so_that_the_first_scan_lists_as_much_as_later_ones(floor: list[SurveyWalk]):
     """Site 1: 335 identifiers in the first three seconds, 332 after 8 to 15 s; 20 % of them older than 15 s in both."""
     scans = [

@@ -56,7 +56,6 @@ def test_rows_controls_and_fraction() -> None:
     assert not footnotes(found)
 
 
-@pytest.mark.long(seconds=8)
 def test_the_number_of_processes_changes_nothing() -> None:
     lines: list[str] = []
     found = measure_blocks([PUBLISHED, WALK], DEFAULT, seed=4, jobs=2, report=lines.append)
@@ -101,7 +100,6 @@ def test_a_process_that_ends() -> None:
     assert not found.num_passed and "process died" in found.rows[0].why
 
 
-@pytest.mark.long(seconds=8)
 def test_stored_values_give_the_same_scores_as_the_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     block = load_block(WALK)
     path = tmp_path / "targets.json"

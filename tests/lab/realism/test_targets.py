@@ -114,7 +114,6 @@ def test_packaged_values_are_of_registered_blocks_and_sets() -> None:
         assert all(len(stored.values) == min(stored.num, 200) for stored in target.statistics.values())
 
 
-@pytest.mark.data
 def test_the_source_of_an_available_set(data_root: Path) -> None:
     found = source_of("foot_short")
     assert found.licence == "MIT" and len(found.sha256) == 64 and found.num_files >= 1

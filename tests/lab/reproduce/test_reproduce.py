@@ -60,7 +60,6 @@ def calls(counter: Path) -> Counter[str]:
     return Counter(counter.read_text().splitlines())
 
 
-@pytest.mark.slow
 def test_values_are_the_closed_forms_and_a_full_run_adds_to_a_quick_one(tmp_path: Path, counter: Path) -> None:
     quick = reproduce(TOY, tmp_path, quick=True, jobs=2)
     assert [row["seeds"] for row in quick.rows] == [3] * 4
@@ -86,7 +85,6 @@ def test_seeds_are_measured_in_order(tmp_path: Path, counter: Path) -> None:
     assert list(calls(counter)) == [*(f"steps {seed}" for seed in range(8)), "clock 0", "clock 1"]
 
 
-@pytest.mark.slow
 def test_processes_change_nothing_and_timings_run_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_SLEEP_S", "0.02")
     one, two = (reproduce(TOY, tmp_path / f"{jobs}", jobs=jobs, seeds=5) for jobs in (1, 2))
@@ -102,7 +100,6 @@ def test_processes_change_nothing_and_timings_run_alone(tmp_path: Path, monkeypa
     assert max(span[1] for span in others_s) < ends_s[0][0]
 
 
-@pytest.mark.slow
 def test_a_seed_that_fails_is_reported_and_tried_again(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -123,7 +120,6 @@ def test_a_seed_that_fails_is_reported_and_tried_again(
     assert calls(counter)["steps 2"] == 2 and sum(calls(counter).values()) == 8 + 2 + 1
 
 
-@pytest.mark.slow
 def test_a_process_that_ends_costs_its_seed_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_DIES", "1")
     found = reproduce(TOY, tmp_path, jobs=2, seeds=3)
@@ -133,7 +129,6 @@ def test_a_process_that_ends_costs_its_seed_only(tmp_path: Path, monkeypatch: py
     assert len(found.measured["clock"]) == 3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_run_resumes_where_it_stopped(blow: signal.Signals, tmp_path: Path, counter: Path) -> None:
     seeds = tmp_path / "toy" / "seeds"
@@ -160,7 +155,6 @@ def test_a_killed_run_resumes_where_it_stopped(blow: signal.Signals, tmp_path: P
     assert {path.suffix for path in seeds.iterdir() if path.name != ".locks"} == {".json"}, "no leftovers"
 
 
-@pytest.mark.slow
 def test_torn_files_are_measured_again_and_edited_sources_too(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,7 +196,6 @@ def test_a_wrong_claim_does_not_hide_the_others(tmp_path: Path) -> None:
     assert right["ours"] == 8.0 and right["pass"] is True
 
 
-@pytest.mark.slow
 def test_figures_are_drawn_once_for_the_same_numbers(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

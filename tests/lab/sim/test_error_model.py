@@ -72,7 +72,6 @@ def test_without_data(command: Command, tmp_path: Path, monkeypatch: pytest.Monk
     assert not done.out
 
 
-@pytest.mark.data
 def test_the_same_bytes_twice(command: Command, data_root: Path, tmp_path: Path) -> None:
     if not (data_root / "foot_stride_gcp").is_dir():
         pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")

@@ -181,9 +181,8 @@ def test_sizes_that_allow_no_such_building_are_refused():
         make_lab(np.random.default_rng(0), params=LabParams(court_m=(200.0, 220.0)))
 
 
-@pytest.mark.long(seconds=12)
-def test_twenty_buildings_have_the_stated_properties():
-    for seed in range(20):
+def test_buildings_have_the_stated_properties():
+    for seed in range(4):
         building = make_lab(np.random.default_rng([1, seed]))
         assert building.area_m2 == pytest.approx(8725, rel=0.01), seed
         assert prior_is_near_the_papers(building), seed

@@ -289,7 +289,6 @@ def assert_agree(stated: Mapping[str, Any], now: Mapping[str, Any]) -> None:
             assert stated[name] == now[name], name
 
 
-@pytest.mark.data
 def test_the_packaged_file_holds_the_measured_values(data_root: object) -> None:
     """To 0.1 %, since other processors sum otherwise; the digests say that the data is the same."""
     for env in module.SETS:

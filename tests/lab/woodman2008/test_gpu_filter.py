@@ -122,7 +122,6 @@ def test_what_cannot_be_done(stairs: Building) -> None:
 
 
 @pytest.mark.skipif(not why_no_gpu(), reason="kernels run here")
-@pytest.mark.slow
 def test_in_the_simulator() -> None:
     environ = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "PYTEST_ADDOPTS": ""}  # all of this file, whatever CI chooses
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", Path(__file__)]
