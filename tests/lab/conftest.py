@@ -11,13 +11,6 @@ WHY = "the laboratory is not installed: pip install -e lab"
 IS_THERE = importlib.util.find_spec("pdrbench_lab") is not None
 
 
-class LeftOut(pytest.File):
-    """A file of tests that is not imported."""
-
-    def collect(self) -> list[pytest.Item]:
-        return [Skipped.from_parent(self, name=self.path.stem)]
-
-
 class Skipped(pytest.Item):
     """Says why."""
 
@@ -25,8 +18,23 @@ class Skipped(pytest.Item):
         pytest.skip(WHY)
 
 
-def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """A file of the laboratory's tests becomes one skipped test."""
-    if IS_THERE or not file_path.name.startswith("test_"):
-        return None
-    return LeftOut.from_parent(parent, path=file_path)
+class LeftOutFolder(pytest.Directory):
+    """A folder of tests that is not looked into, since its conftest.py imports the laboratory."""
+
+    def collect(self) -> list[pytest.Item]:
+        return [Skipped.from_parent(self, name="left_out")]
+
+
+class LeftOutFile(pytest.File):
+    """A file of tests that is not imported."""
+
+    def collect(self) -> list[pytest.Item]:
+        return [Skipped.from_parent(self, name="left_out")]
+
+
+def pytest_collect_directory(path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    return None if IS_THERE else LeftOutFolder.from_parent(parent, path=path)
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    return None if IS_THERE else LeftOutFile.from_parent(parent, path=module_path)

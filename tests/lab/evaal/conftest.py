@@ -6,6 +6,7 @@ import functools
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from pdrbench.result import Result
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_evaal.server import TrialServer, make_trials
-from pdrbench_evaal.trial import Trial
+
+if TYPE_CHECKING:
+    from pdrbench_evaal.server import TrialServer
+    from pdrbench_evaal.trial import Trial
 
 LENGTH_S = 12.0
 PHONE = {"accel": 16, "gyro": 16, "mag": 16, "rotation": 16, "baro": 8, "wifi": 3, "ble": 8}
@@ -110,6 +113,8 @@ def serve() -> Callable[..., object]:
         task: Task, split: str = "train", **settings: object
     ) -> Iterator[tuple[TrialServer, dict[str, Result]]]:
         ended: dict[str, Result] = {}
+
+        from pdrbench_evaal.server import TrialServer, make_trials  # this file is imported without it, too
 
         def keep(trial: Trial, result: Result) -> None:
             ended[trial.name] = result
