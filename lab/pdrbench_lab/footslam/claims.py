@@ -16,8 +16,8 @@ _REGIMES: Final = (("real", "as recorded"), ("drift", "with a drift of 0.29° a 
 _WHO: Final = (
     ("strides", "strides alone"),
     ("nomap", "the filter without a map"),
-    ("map", "footslam-v0"),
-    ("map_half", "footslam-v0 with hexagons of 0.5 m"),
+    ("map", "footslam"),
+    ("map_half", "footslam with hexagons of 0.5 m"),
 )
 _WHEN: Final = (
     ("end1", "end of round 1"),

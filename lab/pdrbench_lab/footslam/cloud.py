@@ -40,10 +40,10 @@ class OdometryNoise:
         start_heading_rad: Standard deviation of the heading that the briefing gives.
     """
 
-    length_scale: float = 1.018  # 1 / (1 - 0.0177): foot_dual, as woodman2008_drift-v1
+    length_scale: float = 1.018  # 1 / (1 - 0.0177): foot_dual, as woodman2008?learns_drift=true
     length_scale_sigma: float = 0.0123  # stride_errors.json, length_bias_spread
     length_sigma_m: float = 0.0172  # stride_errors.json
-    drift_sigma_rad: float = math.radians(0.168)  # root mean square of foot_dual, as woodman2008_drift-v1
+    drift_sigma_rad: float = math.radians(0.168)  # root mean square of foot_dual, as woodman2008?learns_drift=true
     drift_walk_rad: float = math.radians(0.01)  # ours: 0.14 degrees a stride after 200 strides
     turn_sigma_rad: float = math.radians(0.336)  # stride_errors.json
     heading_sigma_rad: float = math.radians(0.842)  # stride_errors.json

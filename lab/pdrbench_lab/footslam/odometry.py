@@ -46,7 +46,7 @@ class StrideSensor:
 
 
 class FootUnit:
-    """Strides of the inertial filter of `foot_ins_adaptive-v1`.
+    """Strides of the inertial filter of `foot_ins_robust`.
 
     Every stride goes where its displacement points, the shortest too, so that strides add up to the track of the
     filter. The walk begins in the direction in which the foot leaves a circle of `ALIGNED_AFTER_M`; until then its

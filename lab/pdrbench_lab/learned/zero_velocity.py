@@ -1,7 +1,7 @@
 """The literal filter of a foot whose zero velocities a recurrent network detects, with weights of a training run.
 
 Wagstaff, Kelly, LSTM-based zero-velocity detection for robust inertial navigation (IPIN 2018); Wagstaff, Peretroukhin,
-Kelly (IEEE Sensors Journal 20(2), 2019). Only the detector differs from `foot_ins-v0`.
+Kelly (IEEE Sensors Journal 20(2), 2019). Only the detector differs from `foot_ins`.
 """
 
 from __future__ import annotations

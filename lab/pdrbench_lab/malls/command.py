@@ -138,7 +138,7 @@ def steps(jobs: Jobs = 1, as_json: AsJson = False) -> None:
 
 @app.command("own-session")
 def own_session(
-    localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help="Any localizer.")] = "wifi_knn-v0",
+    localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help="Any localizer.")] = "wifi_knn",
     jobs: Jobs = 1,
     isolation: Isolation = "process",
     out: Annotated[

@@ -19,7 +19,7 @@ from pdrbench_lab.malls.pairing import clustered_mean
 MIN_LEG_M: Final = 2.0
 MIN_STEPS: Final = 3
 STRAIGHT: Final = 0.95  # displacement over path of the steps of a leg: a property of the headings, not of the outcome
-STEP_M: Final = 0.63  # of `dead_reckoning-v0`
+STEP_M: Final = 0.63  # of `dead_reckoning`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +81,7 @@ _task = functools.cache(task)
 def _steps_of(recording: Recording) -> tuple[FloatArray, FloatArray]:
     """(S,) times of steps, and (S,) complex unit vectors along the reported heading then.
 
-    Steps are found as `dead_reckoning-v0` finds them, since the tables say what its errors are made of.
+    Steps are found as `dead_reckoning` finds them, since the tables say what its errors are made of.
     """
     accel, rotation = (recording.streams[sensor].rows for sensor in ("accel", "rotation"))
     rate_hz = (len(accel) - 1) / (accel[-1, 0] - accel[0, 0])

@@ -32,12 +32,12 @@ from pdrbench_lab.realism.radio_statistics import SurveyWalk, survey_of
 
 ENVIRONMENT: Final = "MallPhone-v2"
 LOCALIZERS: Final = (  # ours that can play it, without variants of li2012, which differ by less than single walks do
-    "dead_reckoning-v0",
-    "li2012-v0",
-    "stay-v0",
-    "wifi_knn-v0",
-    "wlan_frank2009-v0",
-    "wlan_frank2009_penalised-v0",
+    "dead_reckoning",
+    "li2012",
+    "stay",
+    "wifi_knn",
+    "wlan_frank2009",
+    "wlan_frank2009?unknown=penalise",
 )
 FLOORS: Final = 6
 # Chosen by how far places lie from the nearest scan: 56 % of the places of val beyond 10 m, half beyond 12 m, and with

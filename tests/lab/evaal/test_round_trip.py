@@ -36,7 +36,7 @@ def played_there(server, localizer, task, walk, **settings):
 
 
 @pytest.mark.parametrize("is_offline", [False, True])
-@pytest.mark.parametrize("localizer", ["stay-v0", "dead_reckoning-v0", "wifi_knn-v0"])
+@pytest.mark.parametrize("localizer", ["stay", "dead_reckoning", "wifi_knn"])
 def test_a_served_phone_walk_gives_the_estimates_of_an_episode(localizer, is_offline, phone_task, serve) -> None:
     expected = played_here(localizer, phone_task, "walk-a").estimates
     with serve(phone_task, rules=Rules(is_offline=is_offline)) as (server, ended):
@@ -47,27 +47,23 @@ def test_a_served_phone_walk_gives_the_estimates_of_an_episode(localizer, is_off
     assert np.abs(estimates.xy_m - expected.xy_m).max() < 1e-9  # w of a quaternion comes from x, y and z
     assert np.array_equal(estimates.level, expected.level)
     assert np.abs(estimates.t_s - expected.t_s)[1:].max() < 2e-6
-    assert localizer == "stay-v0" or np.ptp(expected.xy_m, axis=0).max() > 1.0
+    assert localizer == "stay" or np.ptp(expected.xy_m, axis=0).max() > 1.0
 
 
 def test_strides_and_degrees_go_through_as_well(stride_task, serve) -> None:
-    expected = played_here("dead_reckoning-v0", stride_task, "walk-a").estimates
+    expected = played_here("dead_reckoning", stride_task, "walk-a").estimates
     with serve(stride_task, places=DEGREES) as (server, ended):
-        played = played_there(server, "dead_reckoning-v0", stride_task, "walk-a", places=DEGREES)
+        played = played_there(server, "dead_reckoning", stride_task, "walk-a", places=DEGREES)
     estimates = ended["walk-a"].estimates
     assert played.state.place.startswith("11.11") and len(estimates) > 40
     same = np.searchsorted(expected.t_s, estimates.t_s + 1e-3) - 1  # none is asked for before the first stride
     assert np.abs(estimates.xy_m - expected.xy_m[same]).max() < 1e-6
 
 
-@pytest.mark.slow
-@pytest.mark.data
 @pytest.mark.parametrize(
     ("localizer", "env"),
     [
-        pytest.param("stay-v0", "OfficeStride-v2", marks=pytest.mark.long(seconds=5)),
-        ("dead_reckoning-v0", "OfficeStride-v2"),
-        pytest.param("wifi_knn-v0", "OfficePhone-v1", marks=pytest.mark.long),
+        ("dead_reckoning", "OfficeStride-v2"),
     ],
 )
 def test_a_served_environment_gives_the_scores_of_evaluate(localizer, env, serve) -> None:
@@ -175,7 +171,6 @@ def test_a_foreign_server_has_two_clocks_and_lines_that_cannot_be_read() -> None
         max_size=8,
     )
 )
-@pytest.mark.slow
 def test_whatever_a_server_sends_gives_rows_within_bounds_or_none(lines) -> None:
     names = ("accel", "rotation", "wifi", "ble", "stride", "baro")
     reader = RecordReader({name: sensor_spec(name) for name in names}, {}, plain_number)
@@ -220,7 +215,7 @@ def test_the_server_refuses_what_is_no_request(stride_task, serve) -> None:
 def test_no_answer_holds_the_reference(stride_task, serve) -> None:
     """The x of the reference is 77.25 m and more; but for the start, which is given, no answer has it."""
     with serve(stride_task, "test") as (server, ended):
-        played_there(server, "stay-v0", stride_task, "5ea1ed")
+        played_there(server, "stay", stride_task, "5ea1ed")
         texts = [asked(server, "GET", f"/5ea1ed/{what}")[1] for what in ("state", "estimates", "log", "reload")]
         texts.append(asked(server, "GET", "/")[1])
     for x_m in stride_task.load("5ea1ed").reference.xy_m[1:, 0].tolist():
@@ -237,7 +232,7 @@ def test_a_client_says_what_is_wrong(stride_task, serve) -> None:
         client = TrialClient(server.url, "walk-a")
         client.next_data(1.0)
         with pytest.raises(EvaalError, match="started already"):
-            played_there(server, "stay-v0", stride_task, "walk-a")
+            played_there(server, "stay", stride_task, "walk-a")
         url = server.url
     with pytest.raises(EvaalError, match="check the address"):
         TrialClient(url, "walk-a").state()
@@ -262,7 +257,7 @@ def test_another_server_is_played_once_it_is_said_how_it_writes_positions(
 ) -> None:
     with serve(stride_task, places=DEGREES) as (server, ended):
         monkeypatch.setattr(server.RequestHandlerClass, "server_version", "Werkzeug/3.0")
-        play = ("evaal", "play", server.url, "walk-a", "stay-v0", "--isolation", "none")
+        play = ("evaal", "play", server.url, "walk-a", "stay", "--isolation", "none")
         unsaid = command(*play)
         said = command(*play, "--positions", "lon,lat,level", "--reload")
     assert unsaid.code == 2 and "--positions" in unsaid.err
@@ -280,7 +275,7 @@ def test_a_client_slows_down_where_the_server_asks_for_it(stride_task, serve) ->
     with serve(stride_task, "test", rules=Rules(slowdown=3.0), clock=lambda: now_s[0]) as (server, ended):
         client = TrialClient(server.url, "5ea1ed", sleep=sleep)
         briefing = stride_task.brief(stride_task.load("5ea1ed"))
-        play_trial(client, make_localizer("stay-v0"), briefing, np.random.default_rng(0))
+        play_trial(client, make_localizer("stay"), briefing, np.random.default_rng(0))
     assert ended["5ea1ed"].status == "complete" and now_s[0] - 1000.0 > 9.0  # from the first stride to the last
 
 
@@ -299,11 +294,11 @@ def test_the_command_plays_and_a_trial_is_stored(command, stride_task, serve, tm
     for module in ("registry", "evaluation.walk_job", "evaluation.tables"):
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name: stride_task)
     with serve(stride_task) as (server, ended):
-        play = ("evaal", "play", server.url, "walk-a", "dead_reckoning-v0", "--env", "Served-v0", "--isolation", "none")
+        play = ("evaal", "play", server.url, "walk-a", "dead_reckoning", "--env", "Served-v0", "--isolation", "none")
         done = command(*play, "--out", tmp_path / "e.csv", "--json")
         again = command(*play)
         reloaded = command(*play, "--reload")
-        bare = command("evaal", "play", server.url, "walk-a", "stay-v0", "--isolation", "none", "--reload")
+        bare = command("evaal", "play", server.url, "walk-a", "stay", "--isolation", "none", "--reload")
     assert done.code == 0, done.err
     assert done.json["in_time"] and done.json["num_estimates"] > 40
     assert (tmp_path / "e.csv").read_text().splitlines()[0] == "pts,c,h,s,pos"

@@ -1,4 +1,4 @@
-"""`footslam-v0` on strides and on a simulated shoe: against dead reckoning, levels, revision, what it declines."""
+"""`footslam` on strides and on a simulated shoe: against dead reckoning, levels, revision, what it declines."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def test_a_set_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_localizers_and_environments_use_different_sets() -> None:
-    """Of what comes with pdrbench: the prior of `woodman2008_drift-v1` is that of a set that is not in the law."""
+    """Of what comes with pdrbench: the prior of drifts in `woodman2008` is that of a set that is not in the law."""
     from pdrbench_baselines.woodman2008 import localizer
     from pdrbench_envs.office_stride import stride_errors
 

@@ -133,7 +133,7 @@ def test_without_a_gpu_it_declines(monkeypatch: pytest.MonkeyPatch, stairs: Buil
     monkeypatch.setattr(gpu_localizer, "why_no_gpu", lambda: "no GPU: buy one")
     with pytest.raises(UnsuitableError, match="buy one"):
         Woodman2008Gpu().reset(Briefing(stairs, {}, 0.2), np.random.default_rng(0))
-    with pytest.raises(PdrbenchError, match="use woodman2008-v0"):
+    with pytest.raises(PdrbenchError, match="use woodman2008"):
         Woodman2008Gpu({"mode": "literal"})
 
 

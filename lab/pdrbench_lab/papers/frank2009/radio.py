@@ -31,7 +31,7 @@ def uji(seed: int) -> dict[str, Any]:
     * `nearest`: one neighbour, Euclidean over all access points, one that was not heard is as weak as the weakest
       reading of the training rows (-104 dBm). The authors' "positive values", RSSI less this minimum and 0 where not
       heard, have the same distances.
-    * `knn`: `wifi_knn-v0`'s three neighbours by cosine, mean place of those on the level that weighs most.
+    * `knn`: `wifi_knn`'s three neighbours by cosine, mean place of those on the level that weighs most.
     * `scan_ignore`, `scan_penalise`: eq. (1), every training row a fingerprint of its own. What the scan heard and the
       fingerprint did not is ignored as the paper writes it, or penalised.
     * `place_ignore`, `place_penalise`: the rows at one place make a histogram, as in the paper.
@@ -154,7 +154,7 @@ UJI_CLAIMS: Final = (
             ("place_ignore", "eq. (1), a histogram a place"),
             ("place_penalise", "a histogram a place, unknown access points penalised"),
             ("counted_penalise", "the same, and scans that missed one counted"),
-            ("knn", "three neighbours of wifi_knn-v0"),
+            ("knn", "three neighbours of wifi_knn"),
         )
         for key, what, unit in _SCORES
     ),

@@ -165,8 +165,8 @@ def _tracks() -> Any:
     rows = recording.streams["position"].rows
     tracks = {
         "sensor": rows[:, 1:],
-        "koeping2012-v0": play(Koeping2012(), briefing, rows, np.random.default_rng(0)),
-        "koeping2012_heading-v0": play(Koeping2012Heading(), briefing, rows, np.random.default_rng(0)),
+        "koeping2012": play(Koeping2012(), briefing, rows, np.random.default_rng(0)),
+        "koeping2012_heading": play(Koeping2012Heading(), briefing, rows, np.random.default_rng(0)),
     }
     errors_m = [np.hypot(*(xy_m - reference.xy_m).T).mean() for xy_m in tracks.values()]
     titles = [f"{name}: {error_m:.2f} m" for name, error_m in zip(tracks, errors_m, strict=True)]
@@ -181,7 +181,7 @@ def _tracks() -> Any:
 def _over_time(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Mean error over the walk, of the sensor and both filters (K11)."""
     figure, axes = panels(list(ENVS), x_label="seconds", y_label="mean error, m")
-    names = {"sensor": "sensor alone", "literal": "koeping2012-v0", "heading": "koeping2012_heading-v0"}
+    names = {"sensor": "sensor alone", "literal": "koeping2012", "heading": "koeping2012_heading"}
     for ax, reading in zip(axes, ENVS, strict=True):
         for i, (key, label) in enumerate(names.items()):
             curve_m = np.mean([run[f"{reading}_{key}_curve_m"] for run in runs], axis=0)

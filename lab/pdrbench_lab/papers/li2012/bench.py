@@ -27,7 +27,7 @@ OTHER: Final = "dtaidistance"  # a library whose C code is known to be fast
 WITHOUT_OTHER: Final = "not compared: dtaidistance is not installed"
 PERIOD_S: Final = 0.2  # of a localizer that is asked five times a second
 NUM_WAVES: Final = 400
-LOCALIZER: Final = "li2012-v0"
+LOCALIZER: Final = "li2012"
 WALK_S: Final = 120.0
 STEPS: Final = 20
 

@@ -43,8 +43,7 @@ SETUPS: Final = {place: replace(setup, reference_s=REFERENCE_S) for place, setup
 _SCENE, _PERSON, _LAPS, _WALK, _TAP, _FILTER, _HANDLING = range(7)  # one stream of random numbers each
 
 
-# Fields of `Li2012Params`: the three algorithms of the paper's Fig. 11, as `li2012_nodtw-v0`, `li2012_generic-v0` and
-# `li2012-v0` have them.
+# Fields of `Li2012Params`: the three algorithms of the paper's Fig. 11. The third is `li2012` as it is registered.
 ALGORITHMS: Final[Mapping[str, Mapping[str, Any]]] = {
     "alg1": {"generic": True, "warping": False},
     "alg2": {"generic": True},

@@ -177,7 +177,7 @@ def _claims() -> tuple[Claim, ...]:
         ("person", "error of the count, the person left out", 1.3),
         ("place", "error of the count, the place left out", 1.3),
         ("chosen", "error of the count with the settings as they are, fitted on these walks", None),
-        ("gentle", "the same of `step_count-v0`, 0.1 g, fitted on these walks", None),
+        ("gentle", "the same of `step_count?adapts=false`, 0.1 g, fitted on these walks", None),
         *((f"person_{one}", f"person {one} left out", None) for one in "AB"),
         *(
             (f"place_{one}", f"place {one} left out", None)
@@ -194,7 +194,7 @@ def _claims() -> tuple[Claim, ...]:
         ("person", "short trials cut out of the walks, the person left out", 3.0),
         ("place", "short trials cut out of the walks, the place left out", 3.0),
         ("chosen", "short trials cut out of the walks, settings as they are, fitted on these walks", None),
-        ("gentle", "short trials cut out of the walks, `step_count-v0`", None),
+        ("gentle", "short trials cut out of the walks, `step_count?adapts=false`", None),
     ):
         limits = None if gate is None else Gate(-gate, gate)
         claims += [
@@ -220,8 +220,8 @@ def _claims() -> tuple[Claim, ...]:
     for key, what, limits in (
         ("bias_adaptive", "simulated short walks: steps too many", Gate(-3.0, 3.0)),
         ("size_adaptive", "simulated short walks: error of the count of each, over the steps made", None),
-        ("bias_gentle", "simulated short walks, `step_count-v0`: steps too many", None),
-        ("size_gentle", "simulated short walks, `step_count-v0`: error of the count of each", None),
+        ("bias_gentle", "simulated short walks, `step_count?adapts=false`: steps too many", None),
+        ("size_gentle", "simulated short walks, `step_count?adapts=false`: error of the count of each", None),
     ):
         claims.append(Claim("L9", what, "not stated", "left_out", largest_over_seeds(f"short_{key}"), limits, "%"))
     return tuple(claims)
@@ -229,7 +229,7 @@ def _claims() -> tuple[Claim, ...]:
 
 REPRODUCTION: Final = Reproduction(
     name="steps_left_out",
-    paper="the settings of step_count-v1, fitted without the people or the places that they are measured on",
+    paper="the settings of step_count, fitted without the people or the places that they are measured on",
     experiments=(
         Experiment(
             "left_out",

@@ -171,7 +171,7 @@ def _errors(measured: Measured) -> dict[str, Any]:
     if not any(len(errors_m) for errors_m in by_walk.values()):
         return {}
     title = "Fig. 10: distance between reference system and filter"
-    return {"fig10_errors": cdf_figure("woodman2008-v0", by_walk, STATED_M, title=title)}
+    return {"fig10_errors": cdf_figure("woodman2008", by_walk, STATED_M, title=title)}
 
 
 def _dots(building: Building, cloud: Cloud) -> Dots:
