@@ -191,7 +191,7 @@ def test_make_vec_works_in_every_mode(name: str, mode: str) -> None:
 
 def test_settings_of_localizers_go_by_name() -> None:
     settable = [name for name in LOCALIZERS if "params" in inspect.signature(load_localizer(name)).parameters]
-    assert "dead_reckoning-v0" in settable
+    assert "dead_reckoning" in settable
     for name in settable:
         make_localizer(name, params={})
         with pytest.raises(UnknownNameError, match="no_such_setting"):

@@ -81,7 +81,7 @@ def test_a_file_that_fails_to_import_is_named(tmp_path: Path, content: str) -> N
 def test_unknown_ids_suggest_the_nearest() -> None:
     with pytest.raises(UnknownNameError, match=r"did you mean 'OfficeStride-v2'\?"):
         make_task("OficeStride-v0")
-    with pytest.raises(UnknownNameError, match=r"did you mean 'stay-v0'\?"):
+    with pytest.raises(UnknownNameError, match=r"'stay-v1' is now 'stay'"):
         make_localizer("stay-v1")
 
 

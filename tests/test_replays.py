@@ -387,7 +387,7 @@ def test_an_honest_localizer_scores_alike(task: Task) -> None:
 
     recorded_walk, task = task.load, replace(task, load=load)
     held_out = replayed(task, SECRET)
-    honest = make_localizer("dead_reckoning-v0")
+    honest = make_localizer("dead_reckoning")
     public, replays = (mean_errors_m(honest, *given) for given in ((task, WALKS), (held_out, held_out.split(HELD_OUT))))
     assert public[0] > 1.0
     np.testing.assert_allclose(sorted(replays), sorted([*public, *public]), atol=0.5)
@@ -429,7 +429,7 @@ def test_registered_localizers_score_alike(
     compared = 0
     by_axes = {"step_count-v0", "step_count-v1", "step_count_literal-v0"}  # which count along x without a heading
     if task.start == "unknown":
-        by_axes.add("stay-v0")  # the middle of the bounds
+        by_axes.add("stay")  # the middle of the bounds
     for name in sorted(set(localizers()) - by_axes):
         try:
             public, there = (

@@ -70,9 +70,9 @@ def test_a_walk_is_the_same_and_says_what_is_missing(tmp_path: Path) -> None:
         import json
         from pdrbench.errors import PdrbenchError
         from pdrbench.evaluation import evaluate
-        results = evaluate("dead_reckoning-v0", "OfficeStride-v2", split="val", walks=1, seeds=1, progress=True)
+        results = evaluate("dead_reckoning", "OfficeStride-v2", split="val", walks=1, seeds=1, progress=True)
         try:
-            evaluate("stay-v0", "OfficeStride-v2", isolation="confined", walks=1)
+            evaluate("stay", "OfficeStride-v2", isolation="confined", walks=1)
         except PdrbenchError as error:
             refused = str(error)
         result = results.results[0]
@@ -81,7 +81,7 @@ def test_a_walk_is_the_same_and_says_what_is_missing(tmp_path: Path) -> None:
     done = run(code, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     estimates, isolation, refused = json.loads(done.stdout)
-    (here,) = evaluate("dead_reckoning-v0", "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="none").results
+    (here,) = evaluate("dead_reckoning", "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="none").results
     assert estimates == here.estimates.columns.tobytes().hex()
     line = isolation["missing"]["confinement"]
     assert isolation == {"mode": "process", "held": [], "missing": {"confinement": line}}
@@ -146,17 +146,17 @@ def test_without_numba_one_sentence_says_what_to_do(tmp_path: Path) -> None:
 @pytest.mark.long(seconds=90)
 @pytest.mark.timeout(900)
 def test_the_commands_of_a_newcomer(tmp_path: Path) -> None:
-    named = ["--localizer", "dead_reckoning-v0", "--localizer", "woodman2008-v0"]
+    named = ["--localizer", "dead_reckoning", "--localizer", "woodman2008"]
     table = pdrbench_command("compare", "--env", "OfficeStride-v2", "--walks", 2, *named, folder=tmp_path)
-    assert "woodman2008-v0" in table.stdout
+    assert "woodman2008" in table.stdout
     assert list((tmp_path / "pdrbench-results").glob("*.md"))
-    checked = pdrbench_command("check", "localizer", "dead_reckoning-v0", folder=tmp_path)
+    checked = pdrbench_command("check", "localizer", "dead_reckoning", folder=tmp_path)
     assert "10 of 10 checks passed" in checked.stdout
     board = tmp_path / "leaderboards"
-    pack = ["submit", "pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v1", "--into", board]
+    pack = ["submit", "pack", "stay", "--suite", "small-v0", "--env", "BuildingSite-v1", "--into", board]
     packed = run(SMALL_SUITE, *pack, folder=tmp_path)
     assert packed.returncode == 0, packed.stderr
     built = run(SMALL_SUITE, "leaderboard", "build", "--root", board, "--out", tmp_path / "site", folder=tmp_path)
     assert built.returncode == 0, built.stderr
-    assert "stay-v0" in (board / "BuildingSite-v1" / "TABLE.md").read_text(encoding="utf-8")
+    assert "stay" in (board / "BuildingSite-v1" / "TABLE.md").read_text(encoding="utf-8")
     assert (tmp_path / "site" / "index.html").exists()

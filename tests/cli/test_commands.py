@@ -67,13 +67,13 @@ def place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, place: Path) -> None:
-    arguments = ["--env", "OfficeStride-v2", "--walks", 2, "--localizer", "stay-v0", "--localizer", "mine.py:Mine"]
+    arguments = ["--env", "OfficeStride-v2", "--walks", 2, "--localizer", "stay", "--localizer", "mine.py:Mine"]
     outcome = command("compare", *arguments, "--json")
     assert outcome.code == 0
     rows = {row["localizer"]: row for row in outcome.json["rows"]}
-    assert set(rows) == {"stay-v0", "mine.py:Mine"}
-    metrics = rows["stay-v0"]["metrics"]
-    assert metrics["mean_m"]["unit"] == "m" and metrics["mean_m"]["value"] > 1 and rows["stay-v0"]["walks"] == 2
+    assert set(rows) == {"stay", "mine.py:Mine"}
+    metrics = rows["stay"]["metrics"]
+    assert metrics["mean_m"]["unit"] == "m" and metrics["mean_m"]["value"] > 1 and rows["stay"]["walks"] == 2
     assert metrics["mean_m"] == rows["mine.py:Mine"]["metrics"]["mean_m"]  # both stay
     assert metrics["mean_m"]["low"] is None  # no interval from two walks
     for name in ("table.md", "table.tex", "table.csv", "OfficeStride-v2-cdf.png"):
@@ -98,20 +98,20 @@ def test_run_reports_a_crash_with_its_traceback(command: Any) -> None:
 
 
 def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
-    outcome = command("run", "oracle-v0", "OfficeStride-v2", "--walks", 1)
+    outcome = command("run", "oracle", "OfficeStride-v2", "--walks", 1)
     assert (outcome.code, outcome.out) == (1, "")
-    assert "pdrbench: oracle-v0 does not suit OfficeStride-v2: " in outcome.err
-    outcome = command("run", "oracle-v0", "OfficeStride-v2", "--walks", 1, "--split", "train", "--json")
+    assert "pdrbench: oracle does not suit OfficeStride-v2: " in outcome.err
+    outcome = command("run", "oracle", "OfficeStride-v2", "--walks", 1, "--split", "train", "--json")
     assert outcome.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
 
 
 def test_a_localizer_that_lacks_a_sensor_is_reported_as_unsuitable(command: Any) -> None:
-    outcome = command("run", "wifi_knn-v0", "OfficeStride-v2", "--walks", 1)
-    assert outcome.code == 1 and "wifi_knn-v0 does not suit OfficeStride-v2: needs " in outcome.err
+    outcome = command("run", "wifi_knn", "OfficeStride-v2", "--walks", 1)
+    assert outcome.code == 1 and "wifi_knn does not suit OfficeStride-v2: needs " in outcome.err
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", [("env", "OfficeStride-v2"), ("localizer", "stay-v0")])
+@pytest.mark.parametrize("arguments", [("env", "OfficeStride-v2"), ("localizer", "stay")])
 def test_check_passes_our_own_localizers(arguments: tuple[str, str], command: Any) -> None:
     outcome = command("check", *arguments, "--json")
     assert outcome.code == 0
@@ -206,7 +206,7 @@ def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pyt
     task = dataclasses.replace(make_task("OfficeStride-v2"), note="not the registered data")
     for module in ("registry", "cli.list"):
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name, secret=None: task)
-    outcome = command("run", "stay-v0", "OfficeStride-v2", "--walks", 1)
+    outcome = command("run", "stay", "OfficeStride-v2", "--walks", 1)
     assert outcome.code == 0 and "OfficeStride-v2: not the registered data" in outcome.err.splitlines()
     assert "known; not the registered data" in " ".join(command("list", "envs").out.split())
 
@@ -217,6 +217,6 @@ def test_recorded_walks_are_compared_where_they_are_found(
     data_root: Path, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
-    outcome = command("run", "dead_reckoning-v0", "MallPhone-v2", "--walks", 2, "--json")
+    outcome = command("run", "dead_reckoning", "MallPhone-v2", "--walks", 2, "--json")
     assert outcome.code == 0
     assert 0 < outcome.json["rows"][0]["metrics"]["mean_m"]["value"] < 50

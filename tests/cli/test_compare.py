@@ -107,33 +107,33 @@ def test_without_names_every_available_set_is_compared_and_the_rest_is_listed(as
     outcome = command("compare", "--all")
     assert outcome.code == 0
     assert asked.arguments["envs"] == tuple(name for name in environments() if name not in RECORDED)
-    chosen = [name for name in localizers() if name not in ("oracle", "oracle-v0")]
+    chosen = [name for name in localizers() if name not in ("oracle",)]
     assert asked.arguments["localizers"] == dict.fromkeys(asked.arguments["envs"], chosen)
     for name, remedy in RECORDED.items():
         (line,) = [line for line in outcome.err.splitlines() if line.startswith(f"left out: {name}: ")]
         assert remedy in line
-    assert "left out: oracle-v0: it is given the reference, which the 'test' split withholds" in outcome.err
+    assert "left out: oracle: it is given the reference, which the 'test' split withholds" in outcome.err
 
 
 def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -> None:
     assert command("compare", "--split", "train").code == 0
-    assert "oracle-v0" in asked.arguments["localizers"]["OfficeStride-v2"]
+    assert "oracle" in asked.arguments["localizers"]["OfficeStride-v2"]
 
 
 def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any) -> None:
-    outcome = command("compare", "--localizer", "oracle-v0")
+    outcome = command("compare", "--localizer", "oracle")
     assert outcome.code == 1 and not asked.arguments
     assert "is given the reference" in outcome.err and "pdrbench: no localizer is left to run" in outcome.err
 
 
 def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
     arguments = (
-        f"--env OfficeStride-v2 --localizer stay-v0 --localizer dead_reckoning-v0 --split val --seeds 2 --walks 3 "
+        f"--env OfficeStride-v2 --localizer stay --localizer dead_reckoning --split val --seeds 2 --walks 3 "
         f"--nonce {'7' * 32}"
     )
     assert command("compare", *arguments.split(), "--jobs", 2, "--out", tmp_path / "o").code == 0
     assert asked.arguments == {
-        "localizers": {"OfficeStride-v2": ["stay-v0", "dead_reckoning-v0"]},
+        "localizers": {"OfficeStride-v2": ["stay", "dead_reckoning"]},
         "envs": ("OfficeStride-v2",),
         "split": "val",
         "seeds": 2,
@@ -147,44 +147,44 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
 
 
 def test_what_does_not_suit_is_not_run_and_counted_in_a_line(asked: Asked, command: Any) -> None:
-    asked.declining["wifi_knn-v0"] = "needs a radio map"
+    asked.declining["wifi_knn"] = "needs a radio map"
     outcome = command("compare", "--env", "OfficeStride-v2")
-    assert "wifi_knn-v0" not in asked.arguments["localizers"]["OfficeStride-v2"]
+    assert "wifi_knn" not in asked.arguments["localizers"]["OfficeStride-v2"]
     (line,) = [line for line in outcome.err.splitlines() if line.startswith("left out: ")]
     count = len(localizers()) - len(asked.arguments["localizers"]["OfficeStride-v2"])
     assert line.startswith(f"left out: {count} localizers that do not suit OfficeStride-v2") and "--all" in line
     outcome = command("compare", "--env", "OfficeStride-v2", "--all")
-    assert "left out: wifi_knn-v0 on OfficeStride-v2: needs a radio map" in outcome.err
-    outcome = command("compare", "--env", "OfficeStride-v2", "--localizer", "wifi_knn-v0")
-    assert outcome.code == 1 and "wifi_knn-v0 on OfficeStride-v2: needs a radio map" in outcome.err
+    assert "left out: wifi_knn on OfficeStride-v2: needs a radio map" in outcome.err
+    outcome = command("compare", "--env", "OfficeStride-v2", "--localizer", "wifi_knn")
+    assert outcome.code == 1 and "wifi_knn on OfficeStride-v2: needs a radio map" in outcome.err
 
 
 def test_a_localizer_that_fails_on_every_walk_gives_status_1(asked: Asked, command: Any) -> None:
-    asked.statuses["stay-v0"] = ("failed", "ValueError: no step\n")
+    asked.statuses["stay"] = ("failed", "ValueError: no step\n")
     outcome = command("compare", "--env", "OfficeStride-v2")
-    assert outcome.code == 1 and "failed: stay-v0 on 1 of 1 walks of OfficeStride-v2" in outcome.err
-    outcome = command("run", "stay-v0", "OfficeStride-v2")
+    assert outcome.code == 1 and "failed: stay on 1 of 1 walks of OfficeStride-v2" in outcome.err
+    outcome = command("run", "stay", "OfficeStride-v2")
     assert outcome.code == 1 and "ValueError: no step" in outcome.err
 
 
 def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:
-    asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
-    asked.statuses["dead_reckoning-v0"] = ("failed", "Traceback\nValueError: no step\n")
+    asked.statuses["wifi_knn"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
+    asked.statuses["dead_reckoning"] = ("failed", "Traceback\nValueError: no step\n")
     outcome = command("compare", "--env", "OfficeStride-v2")
     assert outcome.code == 1
-    assert "wifi_knn-v0" not in outcome.out and "dead_reckoning-v0" in outcome.out and "2.50" in outcome.out
-    assert "wifi_knn-v0 on OfficeStride-v2: not applicable: needs a radio map;" in outcome.err
-    assert "dead_reckoning-v0 on OfficeStride-v2: failed on 1 of 1 walks" in outcome.err
+    assert "wifi_knn" not in outcome.out and "dead_reckoning" in outcome.out and "2.50" in outcome.out
+    assert "wifi_knn on OfficeStride-v2: not applicable: needs a radio map;" in outcome.err
+    assert "dead_reckoning on OfficeStride-v2: failed on 1 of 1 walks" in outcome.err
     assert "ValueError: no step" in outcome.err
 
 
 def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
-    outcome = command("compare", "--env", "pdrbench/OfficeStride-v2", "--localizer", "stay-v0", "--json")
+    outcome = command("compare", "--env", "pdrbench/OfficeStride-v2", "--localizer", "stay", "--json")
     assert outcome.json == {
         "rows": [
             {
                 "env": "OfficeStride-v2",
-                "localizer": "stay-v0",
+                "localizer": "stay",
                 "division": "online",
                 "split": "test",
                 "walks": 1,
@@ -241,8 +241,8 @@ def test_a_folder_that_takes_no_files_is_an_error_before_any_walk(
 
 
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:
-    outcome = command("run", "stay-v0", "OfficeStride-v2", "--out", "o", "--json")
-    assert [row["localizer"] for row in outcome.json["rows"]] == ["stay-v0"]
+    outcome = command("run", "stay", "OfficeStride-v2", "--out", "o", "--json")
+    assert [row["localizer"] for row in outcome.json["rows"]] == ["stay"]
     assert asked.arguments["out"] == Path("o") and "pdrbench plot o" in outcome.err
-    assert "stay-v0" in command("run", "stay-v0", "OfficeStride-v2").out
+    assert "stay" in command("run", "stay", "OfficeStride-v2").out
     assert asked.arguments["out"] is None

@@ -59,9 +59,9 @@ def test_what_is_registered_fits_on_a_screen(
 def test_localizers_describe_what_they_do(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "localizers", "--json").json["items"]}
     assert set(items) >= set(localizers())
-    assert items["oracle-v0"]["is_told_the_truth"] and not items["stay-v0"]["is_told_the_truth"]
+    assert items["oracle"]["is_told_the_truth"] and not items["stay"]["is_told_the_truth"]
     assert all(item["summary"] for item in items.values() if not item["broken"])
-    assert items["stay-v0"]["summary"][:30] in " ".join(command("list", "localizers").out.split())
+    assert items["stay"]["summary"][:30] in " ".join(command("list", "localizers").out.split())
 
 
 def test_metrics_list_unit_and_direction(command: Any) -> None:
@@ -98,7 +98,7 @@ def test_a_broken_plugin_is_listed_as_broken_with_its_error(outside: Path) -> No
     items = {item["id"]: item for item in json.loads(outcome.stdout)["items"]}
     assert items["rusty-v0"]["package"] == "outside" and "rusted through" in items["rusty-v0"]["broken"]
     assert "outside_gone" in items["outside:gone"]["broken"]
-    assert items["stay-v0"]["broken"] is None
+    assert items["stay"]["broken"] is None
     assert "on import" in outcome.stderr  # what it printed
 
 

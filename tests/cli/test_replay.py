@@ -38,7 +38,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `toy.py`, its results on one walk with two seeds, and one of a localizer that shows nothing."""
     folder = tmp_path_factory.mktemp("stored")
     (folder / "toy.py").write_text(textwrap.dedent(TOY))
-    for name, spec, seeds in (("toy", f"{folder / 'toy.py'}:Toy", 2), ("stay", "stay-v0", 1)):
+    for name, spec, seeds in (("toy", f"{folder / 'toy.py'}:Toy", 2), ("stay", "stay", 1)):
         evaluate(spec, "OfficeStride-v2", split="val", walks=1, seeds=seeds, isolation="none", out=folder / name)
     return folder
 

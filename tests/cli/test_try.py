@@ -52,14 +52,14 @@ def tried(command: Any, walk: Path, *options: str) -> tuple[dict[str, Any], str]
 def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Path) -> None:
     answer, _ = tried(command, walk, f"--truth={walk.parent / 'places.csv'}", "--heading=0")
     errors = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in answer["rows"]}
-    assert errors["stay-v0"] == pytest.approx(7.25, abs=0.01)  # 1e-4 degrees at this latitude
-    assert answer["declined"].keys() == {"woodman2008-v0"}
+    assert errors["stay"] == pytest.approx(7.25, abs=0.01)  # 1e-4 degrees at this latitude
+    assert answer["declined"].keys() == {"woodman2008"}
     assert not any("woodman" in file.name for file in (walk.parent / "out" / "results").iterdir())  # nor was it run
     names = {Path(file).name for file in answer["files"]}
-    assert {"walk.png", "table.csv", "stay-v0.tum", "reference.geojson", "stay-v0.gpx"} <= names
-    gpx = (walk.parent / "out" / "paths" / "walk" / "stay-v0.gpx").read_text()
+    assert {"walk.png", "table.csv", "stay.tum", "reference.geojson", "stay.gpx"} <= names
+    gpx = (walk.parent / "out" / "paths" / "walk" / "stay.gpx").read_text()
     assert f'lat="{LAT:.9f}"' in gpx and "2023-11-14T22:13:20" in gpx
-    assert {row["localizer"] for row in (*answer["paths"], *answer["rows"])} == {"stay-v0"}
+    assert {row["localizer"] for row in (*answer["paths"], *answer["rows"])} == {"stay"}
     assert make_task(str(walk.parent / "out")).split("test") == ("walk",)
 
 
@@ -73,7 +73,7 @@ def test_a_walk_without_places_is_relative(command: Any, walk: Path) -> None:
 def test_a_start_on_a_plan(command: Any, walk: Path) -> None:
     answer, notes = tried(command, walk, f"--map={walk.parent / 'plan.geojson'}", "--start=3,4", "--heading=0")
     assert "relative" not in notes
-    stay = next(row for row in answer["paths"] if row["localizer"] == "stay-v0")
+    stay = next(row for row in answer["paths"] if row["localizer"] == "stay")
     assert (stay["end_x_m"], stay["end_y_m"]) == (3.0, 4.0)
     assert (walk.parent / "out" / "walk.png").stat().st_size > 5000
 
@@ -109,7 +109,7 @@ def test_a_shoe_is_recognised_and_may_be_called_something_else(command: Any, tmp
     ],
 )
 def test_what_cannot_be_tried_is_one_line(options: list[str], why: str, command: Any, walk: Path) -> None:
-    done = command("try", walk, "--localizer=stay-v0", f"--out={walk.parent / 'out'}", *options)
+    done = command("try", walk, "--localizer=stay", f"--out={walk.parent / 'out'}", *options)
     assert done.code == 1
     assert why in done.err and "Traceback" not in done.err
 

@@ -28,7 +28,7 @@ class Seen:
 
 def test_a_foot_is_followed_on_the_clock_of_the_arrays() -> None:
     later = {name: (t_s + 1000.0, values) for name, (t_s, values) in ARRAYS.items()}
-    found = pdrbench.replay(later, "foot_ins_adaptive-v1", mounting="foot")
+    found = pdrbench.replay(later, "foot_ins_robust", mounting="foot")
     assert (found.declined, found.failure) == ("", "")
     assert found.trajectory[0, 0] == 1000.0 and found.trajectory[-1, 0] == pytest.approx(1000.0 + SHOE.t_s[-1], abs=0.2)
     length_m = np.hypot(*SHOE.position_m[-1, :2])
@@ -43,10 +43,10 @@ def test_every_form_of_the_same_arrays_gives_the_same_bytes() -> None:
         for (name, table), unit in zip(rows.items(), ("mps2", "radps"), strict=True)
     }
     mixed = {name: frame[frame.columns[::-1]] for name, frame in frames.items()}
-    plain = pdrbench.replay(ARRAYS, "foot_ins-v0", mounting="foot", start=(3, 4, 1), heading_rad=1.5)
+    plain = pdrbench.replay(ARRAYS, "foot_ins", mounting="foot", start=(3, 4, 1), heading_rad=1.5)
     assert plain.trajectory[0].tolist() == [0.0, 3.0, 4.0, 1.0]
     for arrays in (rows, frames, mixed):
-        again = pdrbench.replay(arrays, "foot_ins-v0", mounting="foot", start=(3, 4, 1), heading_rad=1.5)
+        again = pdrbench.replay(arrays, "foot_ins", mounting="foot", start=(3, 4, 1), heading_rad=1.5)
         assert again.trajectory.tobytes() == plain.trajectory.tobytes()
 
 
@@ -54,9 +54,9 @@ def test_every_form_of_the_same_arrays_gives_the_same_bytes() -> None:
 def test_a_recording_is_answered_as_in_its_environment() -> None:
     task = pdrbench.make_task("OfficePhone-v1")
     recording = task.load(task.split("train")[0])
-    found = pdrbench.replay(recording, "dead_reckoning-v0", start=task.tell_start(recording))
+    found = pdrbench.replay(recording, "dead_reckoning", start=task.tell_start(recording))
     result = pdrbench.evaluate(
-        "dead_reckoning-v0", "OfficePhone-v1", split="train", walks=[recording.id], isolation="none", seeds=1
+        "dead_reckoning", "OfficePhone-v1", split="train", walks=[recording.id], isolation="none", seeds=1
     )
     np.testing.assert_array_equal(found.trajectory[:, 1:3], result.results[0].estimates.xy_m)
 
@@ -74,10 +74,10 @@ def test_an_object_is_briefed_and_given_every_row() -> None:
 
 
 def test_why_a_localizer_declines_or_fails_is_said(office: pdrbench.Building) -> None:
-    declined = pdrbench.replay(ARRAYS, "wifi_knn-v0")
+    declined = pdrbench.replay(ARRAYS, "wifi_knn")
     assert "needs the sensor 'wifi'" in declined.declined and not len(declined.trajectory)
-    assert "mounting foot" in pdrbench.replay(ARRAYS, "foot_ins-v0").declined
-    assert "needs a known start" in pdrbench.replay(ARRAYS, "dead_reckoning-v0", building=office).declined
+    assert "mounting foot" in pdrbench.replay(ARRAYS, "foot_ins").declined
+    assert "needs a known start" in pdrbench.replay(ARRAYS, "dead_reckoning", building=office).declined
     seen = Seen()
     seen.step = lambda observation: 1 / 0  # type: ignore[method-assign, assignment, return-value]
     assert "ZeroDivisionError" in pdrbench.replay(ARRAYS, seen).failure

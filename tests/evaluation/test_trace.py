@@ -136,7 +136,7 @@ def test_a_walk_that_failed_ends_where_it_failed(toy: Path) -> None:
 
 
 def test_a_localizer_given_the_truth_is_given_it_again() -> None:
-    result = evaluate("oracle-v0", "Corridor-v0", split="val", walks=1, isolation="none", seeds=1).results[0]
+    result = evaluate("oracle", "Corridor-v0", split="val", walks=1, isolation="none", seeds=1).results[0]
     assert len(list(retrace(result))) == len(result.estimates) == 13
 
 

@@ -192,7 +192,7 @@ def test_whatever_truncates_leaves_a_result_to_ask_for(phone_task) -> None:
     with pytest.raises(KeyError, match="elsewhere"):
         info["elsewhere"]
     assert type(copy.copy(env.step(np.zeros(3))[-1])) is dict, "what travels to another process holds no environment"
-    driven = drive(make_localizer("stay-v0"), TimeLimit(LocalizationEnv(phone_task), 7), np.random.default_rng(0))
+    driven = drive(make_localizer("stay"), TimeLimit(LocalizationEnv(phone_task), 7), np.random.default_rng(0))
     assert len(driven.estimates) == 7
 
 

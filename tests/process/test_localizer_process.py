@@ -173,7 +173,7 @@ def test_estimates_fields_and_missing_answers_are_the_same_as_in_this_process(
 
 def test_a_registered_localizer_answers_the_same_in_every_process() -> None:
     found = [
-        evaluate("dead_reckoning-v0", ENV, split="val", walks=1, isolation=kind, seeds=1).results[0]
+        evaluate("dead_reckoning", ENV, split="val", walks=1, isolation=kind, seeds=1).results[0]
         for kind in ("none", "process")
     ]
     assert [result.status for result in found] == ["complete"] * 2
@@ -321,7 +321,7 @@ def test_a_localizer_just_under_the_time_of_each_step_ends_with_the_walk(odd: Pa
 
 def test_walks_after_the_end_of_a_suites_budget_fail_without_being_played(odd: Path, tmp_path: Path) -> None:
     limited = SuiteBudget(tmp_path, limit_s=1e-3)
-    specs = [f"{odd}:Walks", "stay-v0"]
+    specs = [f"{odd}:Walks", "stay"]
     results = evaluate(specs, ENV, split="val", seeds=1, walks=2, suite_budget=limited).results
     for spec in specs:
         statuses = sorted(result.status for result in results if result.localizer == spec)

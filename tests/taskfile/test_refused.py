@@ -55,7 +55,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_refused_recording_is_one_failed_walk(folder: Path) -> None:
-    results = pdrbench.evaluate("dead_reckoning-v0", str(folder), isolation="none", seeds=1)
+    results = pdrbench.evaluate("dead_reckoning", str(folder), isolation="none", seeds=1)
     status = {result.walk: (result.status, result.failure) for result in results.results}
     assert {name: status[name][0] for name in GOOD} == dict.fromkeys(GOOD, "complete")
     for name, reason in REASONS.items():
@@ -69,7 +69,7 @@ def test_a_refused_recording_is_one_failed_walk(folder: Path) -> None:
 
 def test_a_mended_recording_is_played_by_the_next_run(folder: Path) -> None:
     def played() -> dict[str, str]:
-        found = pdrbench.evaluate("stay-v0", str(folder), isolation="none", out=folder.parent / "results", seeds=1)
+        found = pdrbench.evaluate("stay", str(folder), isolation="none", out=folder.parent / "results", seeds=1)
         return {result.walk: result.status for result in found.results}
 
     assert played()["empty"] == "failed"
@@ -79,26 +79,26 @@ def test_a_mended_recording_is_played_by_the_next_run(folder: Path) -> None:
 
 
 def test_compare_and_try_go_on(folder: Path, command: Any) -> None:
-    options = ("--localizer", "stay-v0", "--isolation", "none", "--out", folder.parent / "compared", "--json")
+    options = ("--localizer", "stay", "--isolation", "none", "--out", folder.parent / "compared", "--json")
     found = command("compare", "--env", folder, *options)
     assert found.code == 0, found.err
     assert found.json["rows"][0]["failed"] == len(REASONS)
     files = [folder / f"{name}.csv" for name in ("first", "in_g", "empty", "noise")]
-    options = ("--columns", folder / "columns.toml", "--localizer", "dead_reckoning-v0", "--isolation", "none")
+    options = ("--columns", folder / "columns.toml", "--localizer", "dead_reckoning", "--isolation", "none")
     tried = command("try", *files, *options, "--out", folder.parent / "tried", "--json")
     assert tried.code == 0
     assert [path["walk"] for path in tried.json["paths"]] == ["first"]
-    assert "the walk is refused" in tried.json["failed"]["dead_reckoning-v0"]
+    assert "the walk is refused" in tried.json["failed"]["dead_reckoning"]
 
 
 def test_a_folder_of_which_nothing_can_be_read_and_a_file_that_is_missing_are_errors(folder: Path) -> None:
     tables = "".join(f'[[walk]]\nfile = "{name}.csv"\n' for name in REASONS)
     (folder / "task.toml").write_text('columns = "columns.toml"\n' + tables)
     with pytest.raises(RecordingError, match="neither a start nor a place"):
-        pdrbench.evaluate("stay-v0", str(folder), isolation="none", seeds=1)
+        pdrbench.evaluate("stay", str(folder), isolation="none", seeds=1)
     (folder / "task.toml").write_text('[[walk]]\nfile = "first.csv"\n[[walk]]\nfile = "third.csv"\n')
     with pytest.raises(RecordingError, match=r"third\.csv"):
-        pdrbench.evaluate("stay-v0", str(folder), isolation="none", seeds=1)
+        pdrbench.evaluate("stay", str(folder), isolation="none", seeds=1)
 
 
 def test_a_recording_that_breaks_while_a_sweep_goes_on_fails_alone(folder: Path) -> None:

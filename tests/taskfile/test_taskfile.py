@@ -65,7 +65,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_folder_is_an_environment(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder.parent)
-    results = evaluate("stay-v0", "my_walks", out="results", seeds=1)  # in processes of their own, from a relative path
+    results = evaluate("stay", "my_walks", out="results", seeds=1)  # in processes of their own, from a relative path
     assert [result.status for result in results.results] == ["complete"]
     truth = np.array([[9.0, 4.0], [16.0, 5.0]])
     expected_m = np.hypot(*(truth - [2.0, 4.0]).T).mean()
@@ -80,7 +80,7 @@ def test_a_folder_is_an_environment(folder: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_a_folder_has_held_out_walks(folder: Path) -> None:
     """The same walk elsewhere: who stays at the start is as far off as before."""
-    results = evaluate("stay-v0", str(folder), split="heldout", secret="c0ffee" * 8, isolation="none", seeds=1)
+    results = evaluate("stay", str(folder), split="heldout", secret="c0ffee" * 8, isolation="none", seeds=1)
     expected_m = np.hypot(*(np.array([[9.0, 4.0], [16.0, 5.0]]) - [2.0, 4.0]).T).mean()
     assert results.rows()[0]["metrics"]["mean_m"]["value"] == pytest.approx(expected_m)
     assert {result.walk[:8] for result in results.results} == {"heldout-"}
