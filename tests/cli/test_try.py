@@ -42,7 +42,7 @@ def walk(tmp_path: Path) -> Path:
 
 def tried(command: Any, walk: Path, *options: str) -> tuple[dict[str, Any], str]:
     out = walk.parent / "out"
-    localizers = [f"--localizer={name}-v0" for name in ("stay", "woodman2008")]
+    localizers = [f"--localizer={name}" for name in ("stay", "woodman2008")]
     columns = f"--columns={walk.parent / 'columns.toml'}"
     done = command("try", walk, columns, *localizers, *options, "--isolation=none", f"--out={out}", "--json")
     assert done.code == 0, done.err
