@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from pdrbench.params import merged
 from pdrbench.registry import make_localizer
 from pdrbench_baselines.li2012.localizer import LI2012
 from pdrbench_baselines.li2012.map_filter import StepModel
@@ -14,6 +13,7 @@ from pdrbench_lab.papers.li2012.corridor_phone.corridor import CORRIDOR
 from pdrbench_lab.papers.li2012.experiments import TURNS, length_errors_pct
 from pdrbench_lab.papers.li2012.laps import ALGORITHMS, Crowd, Followed, follow
 from pdrbench_lab.papers.li2012.paper_size import Sample, gated, mean_of, mean_of_steps, percentile_of_steps
+from pdrbench_lab.papers.settings import merged
 from pdrbench_lab.reproduce.reproduction import Gate, Measured
 
 

@@ -17,7 +17,6 @@ from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial import STAGES
 from pdrbench.inertial.step_detection import find_steps
 from pdrbench.localizer import Briefing, Observation
-from pdrbench.params import merged
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.li2012.localizer import LI2012, Li2012
@@ -33,6 +32,7 @@ from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     tapped,
 )
 from pdrbench_lab.papers.li2012.model import walked_m
+from pdrbench_lab.papers.settings import merged
 from pdrbench_sim.handling import record_handling
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.record import BuildingScene

@@ -19,7 +19,6 @@ from pdrbench.filters.kld import kld_bound, normal_quantile
 from pdrbench.filters.map_walk import MAX_EXPONENT
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Observation
-from pdrbench.params import merged
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
@@ -28,6 +27,7 @@ from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
+from pdrbench_lab.papers.settings import merged
 
 if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import PropagationParams

@@ -1,4 +1,4 @@
-"""Parameters of a localizer: frozen records of which a user sets some fields by name."""
+"""Settings of experiments: a record of which some fields are changed by name, records in it too."""
 
 from __future__ import annotations
 
