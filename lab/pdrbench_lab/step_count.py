@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import find_adaptive_steps
 from pdrbench.inertial.step_detection import GENTLE, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.sensors.checks import rate_of
+from pdrbench_lab.adaptive_steps import find_adaptive_steps
 
 
 @dataclass(frozen=True, slots=True)

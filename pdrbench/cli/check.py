@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Confined, complete_env, complete_localizer, isolation_of
+from pdrbench.cli.options import LOCALIZER_HELP, Confined, complete_env, complete_localizer
 from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
 from pdrbench.cli.ready import check_localizer_exists
 
@@ -52,7 +52,7 @@ def localizer(
     with answer_only(as_json):
         from pdrbench.cli.process_check import check_in_process
 
-        kind = isolation_of("process", confined=confined)
+        kind: Literal["process", "confined"] = "confined" if confined else "process"
         check_localizer_exists(name, kind)
         checks = check_in_process(name, env, kind)
     _print_checks(checks, as_json)

@@ -93,7 +93,7 @@ def envs(as_json: AsJson = False) -> None:
     """Registered environments: what they offer, and whether their data is available."""
     with answer_only(as_json):
         items = environment_items()
-    head = {"id": WHOLE, "data": WHOLE, "walks": RIGHT | WHOLE, "start": WHOLE, "summary": CUT}
+    head = {"id": WHOLE, "data": WHOLE, "walks": {**RIGHT, **WHOLE}, "start": WHOLE, "summary": CUT}
     _print_items(items, head, as_json, _environment_row, ("walks",))
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-import faulthandler
 import math
 import signal
-import sys
 import threading
 import time
-from collections.abc import Iterator
 from types import FrameType, TracebackType
-from typing import IO, Any, Final
+from typing import Final
 
 from pdrbench.episode import STEP
 from pdrbench.process.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
@@ -127,13 +123,3 @@ class _Watch:
                 if (now_s := time.monotonic()) >= self._due_s:
                     self._due_s = now_s + REPEAT_S
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(self._thread, ctypes.py_object(Alarm))
-
-
-@contextlib.contextmanager
-def last_words(report: IO[Any]) -> Iterator[None]:
-    """Whatever ends the process inside leaves a traceback in `report`, also where compiled code is to blame."""
-    faulthandler.enable(report)
-    try:
-        yield
-    finally:
-        faulthandler.enable(sys.__stderr__ or 2)

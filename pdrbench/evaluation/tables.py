@@ -21,7 +21,7 @@ from pdrbench.evaluation.rows import DRAW_SEED, finite, rows_of, side_by_side
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.evaluation.wording import footnotes, in_a_line, score_tables
 from pdrbench.metrics import METRICS
-from pdrbench.metrics.statistics import TESTS, compare_pairs
+from pdrbench.metrics.statistics import compare_pairs
 from pdrbench.registry import make_task
 from pdrbench.result import Result, by_division
 
@@ -121,12 +121,13 @@ class Results:
         frame = pd.DataFrame(lines, columns=columns)
         return frame.astype(dict.fromkeys(("value", "low", "high"), np.float64))
 
-    def pairs(self, metric: str = "mean_m", *, test: str = "sign-flip") -> pd.DataFrame:
+    def pairs(self, metric: str = "mean_m") -> pd.DataFrame:
         """Every two localizers on the same walks and seeds, for each environment, split and division.
+
+        P-values are of the sign-flip test, adjusted by Holm within environment, split and division.
 
         Args:
             metric: Of `METRICS`.
-            test: "sign-flip" or "wilcoxon"; p-values are adjusted by Holm within environment, split and division.
 
         Returns:
             env, split, division, metric, and the fields of `metrics.statistics.Comparison`.
@@ -142,8 +143,6 @@ class Results:
             raise PdrbenchError(
                 f"{metric} may be infinite, and infinite times have no differences; compare a share, as converged_60s"
             )
-        if test not in TESTS:
-            raise unknown_name("paired test", test, TESTS)
         groups: dict[tuple[str, str, str], dict[str, list[tuple[Result, Scored]]]] = {}
         for result, scored in zip(self.results, self.scored, strict=True):
             of = groups.setdefault((result.env, result.split, result.division), {})
@@ -152,7 +151,7 @@ class Results:
         for (env, split, division), of in groups.items():
             values, units = side_by_side(of, lambda scored: scored.scores[metric])
             rng = np.random.default_rng(DRAW_SEED)
-            for pair in compare_pairs(values, rng=rng, units=units, better=better, test=test):
+            for pair in compare_pairs(values, rng=rng, units=units, better=better):
                 found.append({"env": env, "split": split, "division": division, "metric": metric} | asdict(pair))
         return pd.DataFrame(found)
 

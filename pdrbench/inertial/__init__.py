@@ -6,7 +6,6 @@ units are SI, attitudes unit quaternions wxyz from body to world (see `quaternio
 
 from __future__ import annotations
 
-from pdrbench.inertial.adaptive_steps import AdaptiveStepParams, find_adaptive_steps
 from pdrbench.inertial.checks import check_units, clean_rows
 from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, concatenate
 from pdrbench.inertial.magnetometer import FieldParams, level_field_ut
@@ -26,7 +25,6 @@ __all__ = [
     "LITERAL",
     "STAGES",
     "WAYS",
-    "AdaptiveStepParams",
     "Detector",
     "FieldParams",
     "FootFilter",
@@ -51,7 +49,6 @@ __all__ = [
     "clean_rows",
     "concatenate",
     "detect",
-    "find_adaptive_steps",
     "find_steps",
     "find_strides",
     "from_yaw_pitch_roll",

@@ -52,23 +52,6 @@ def median(values: FloatArray) -> FloatArray:
     return np.asarray(np.partition(values, middle, axis=-1)[..., middle])
 
 
-def interquartile_mean(values: ArrayLike) -> FloatArray:
-    """Mean of the middle half along the last axis: (..., W) -> (...); Agarwal et al. 2021, with exact quarters.
-
-    A quarter of the total weight is cut from either end; where W is not a multiple of four, the values on the two
-    edges count in part, so that the mean moves smoothly with W.
-
-    >>> float(interquartile_mean([1.0, 2.0, 4.0, 900.0]))
-    3.0
-    """
-    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
-    count = ordered.shape[-1]
-    if not count:
-        return np.full(ordered.shape[:-1], math.nan)
-    weight = np.diff(np.clip(np.arange(count + 1) / count, 0.25, 0.75))
-    return np.asarray(ordered @ (weight / weight.sum()))
-
-
 def mean_interval(
     values: ArrayLike,
     units: Units | None = None,
@@ -207,31 +190,6 @@ def sign_flip_p(
     return np.where(count.sum(axis=0) > 0, p, math.nan)
 
 
-def wilcoxon_p(
-    differences: ArrayLike, units: Units | None = None, *, rng: np.random.Generator | None = None
-) -> FloatArray:
-    """Two-sided p-value of Wilcoxon's signed-rank test of mean differences of units, zeros as Pratt; 1 if all are zero.
-
-    Arguments and answer are those of `sign_flip_p`; `rng` is not used.
-    """
-    from scipy.stats import wilcoxon
-
-    sums, count = _unit_sums(differences, units)
-    found = np.full(sums.shape[1:], math.nan)
-    for pair in np.ndindex(found.shape):
-        kept = count[:, *pair] > 0
-        means = sums[kept][:, *pair] / count[kept][:, *pair]
-        if len(means):
-            found[pair] = wilcoxon(means, zero_method="pratt").pvalue if means.any() else 1.0
-    return found
-
-
-# Two-sided p-values from (W, M) per-walk differences and the units of the walks, and a keyword `rng`.
-TESTS: Final[Mapping[str, Callable[..., FloatArray]]] = MappingProxyType(
-    {"sign-flip": sign_flip_p, "wilcoxon": wilcoxon_p}
-)
-
-
 def holm(p_values: ArrayLike) -> FloatArray:
     """(M,) p-values adjusted for M comparisons; Holm 1979: p_(i)' = max over j <= i of min(1, (M - j + 1) p_(j)).
 
@@ -260,29 +218,6 @@ def probability_of_improvement(first: ArrayLike, second: ArrayLike, *, better: B
     gain = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     gain = gain[np.isfinite(gain)] * {"lower": 1.0, "higher": -1.0}[better]
     return float(np.mean((gain > 0) + 0.5 * (gain == 0))) if len(gain) else math.nan
-
-
-def performance_profile(
-    values_by_environment: Sequence[ArrayLike], thresholds: ArrayLike, *, better: Better = "lower"
-) -> FloatArray:
-    """(K,) fraction of walks at least as good as each threshold, every environment with the same weight.
-
-    For errors the mean over environments of #{x <= tau} / W, right-continuous; for "higher" of #{x >= tau} / W.
-
-    Args:
-        values_by_environment: (W,) values of one localizer in each environment; NaN takes a walk out.
-        thresholds: (K,) tau.
-        better: Which direction is better.
-    """
-    sign = {"lower": 1.0, "higher": -1.0}[better]
-    tau = sign * np.asarray(thresholds, dtype=np.float64)
-    fractions = []
-    for of in values_by_environment:
-        values = np.sort(sign * np.asarray(of, dtype=np.float64))
-        values = values[np.isfinite(values)]
-        if len(values):
-            fractions.append(np.searchsorted(values, tau, side="right") / len(values))
-    return np.mean(fractions, axis=0) if fractions else np.full(tau.shape, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,7 +257,6 @@ def compare_pairs(
     rng: np.random.Generator,
     units: Units | None = None,
     better: Better = "lower",
-    test: str = "sign-flip",
     confidence: float = CONFIDENCE,
 ) -> tuple[Comparison, ...]:
     """Every pair of localizers by their per-walk differences.
@@ -332,11 +266,8 @@ def compare_pairs(
         rng: Draws signs.
         units: (W,) unit of each walk; None: each walk is one.
         better: Which direction is better.
-        test: "sign-flip" or "wilcoxon".
         confidence: Of the intervals; they are of one pair each, not adjusted.
     """
-    if test not in TESTS:
-        raise ValueError(f"no paired test {test!r}; known: {', '.join(TESTS)}")
     values = {name: np.asarray(of, dtype=np.float64) for name, of in values_by_localizer.items()}
     if len({of.shape for of in values.values()}) > 1:
         raise ValueError(f"localizers differ in walks: { ({name: of.shape for name, of in values.items()}) }")
@@ -344,7 +275,7 @@ def compare_pairs(
     if not pairs:
         return ()
     differences = np.column_stack([values[first] - values[second] for first, second in pairs])
-    p_values = TESTS[test](differences, units, rng=rng)
+    p_values = sign_flip_p(differences, units, rng=rng)
     found = []
     for (first, second), difference, p, p_holm in zip(pairs, differences.T, p_values, holm(p_values), strict=True):
         both = np.isfinite(difference)
@@ -358,22 +289,6 @@ def compare_pairs(
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """How a score spreads, by cause.
-
-    Attributes:
-        mean: Mean over walks of the mean over seeds.
-        over_walks: Standard deviation over walks of the mean over seeds; NaN below two walks.
-        over_seeds: Standard deviation over seeds of the mean over walks, by how much a row of a table changes when it
-            is run again; NaN below two seeds.
-    """
-
-    mean: float
-    over_walks: float
-    over_seeds: float
-
-
 def over_seeds(values: ArrayLike, statistic: Statistic) -> FloatArray:
     """(W,) a statistic over seeds of (W, S) values, the NaN left out; NaN where a walk has no value."""
     by_seed = np.asarray(values, dtype=np.float64)
@@ -382,23 +297,6 @@ def over_seeds(values: ArrayLike, statistic: Statistic) -> FloatArray:
         return statistic(by_seed)
     rows = [float(statistic(row[here])) if here.any() else math.nan for row, here in zip(by_seed, present, strict=True)]
     return np.array(rows)
-
-
-def spread(values: ArrayLike) -> Spread:
-    """Spread over walks apart from spread over seeds.
-
-    Args:
-        values: (W, S) one value for every walk and seed; walks with a NaN are taken out.
-    """
-    by_seed = np.asarray(values, dtype=np.float64)
-    by_seed = by_seed[np.isfinite(by_seed).all(axis=1)]
-    if not by_seed.size:
-        return Spread(math.nan, math.nan, math.nan)
-    over_walks, over_seeds = (
-        float(np.std(means, ddof=1)) if len(means) > 1 else math.nan
-        for means in (by_seed.mean(axis=1), by_seed.mean(axis=0))
-    )
-    return Spread(float(by_seed.mean()), over_walks, over_seeds)
 
 
 def _codes(units: Units | None, count: int) -> IntArray:

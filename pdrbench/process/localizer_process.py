@@ -194,7 +194,8 @@ class LocalizerProcess:
             self._account.spend(CONSTRUCTION, time.monotonic() - began_s)
         spec = with_settings_of(self._name, self._target)
         made = messages.Construct(self._next(), spec, json.dumps(self._parameters), self._is_watched)
-        return self._ask(CONSTRUCTION, made, _READY)
+        ready: messages.Ready | messages.Stale = self._ask(CONSTRUCTION, made, _READY)
+        return ready
 
     def _ask(self, call: str, request: Any, kind: type[Kind], max_bytes: int = MAX_REPLY_BYTES) -> Kind:
         """The reply to a request within the budget; any failure ends the walk."""

@@ -8,12 +8,11 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import ecdf, percentile
-from pdrbench.picture import TrailStyle, estimate_style
+from pdrbench.picture import TrailStyle
 
 MAX_P95_RATIO: Final = 2.0  # of the end of the x-axis to the median P95: one far tail does not squeeze the rest
 
@@ -110,18 +109,3 @@ def _draw_one(ax: Axes, entry: LocalizerErrors, style: TrailStyle, grid_m: Float
         markersize=6,
         zorder=5,
     )
-
-
-def cdf_figure(name: str, by_walk: Mapping[str, FloatArray], stated: Mapping[float, float], *, title: str) -> Figure:
-    """The errors in metres (n,) of all walks in one curve, with a band by the spread of walks.
-
-    `stated` holds errors in metres by quantile, as a paper states them; they are drawn as crosses.
-    """
-    figure = Figure(figsize=(5.0, 3.6), layout="constrained")
-    ax = figure.add_subplot()
-    errors = LocalizerErrors(name, by_walk, {walk: walk for walk in by_walk})
-    if stated:
-        ax.plot(list(stated.values()), list(stated), "x", color="black", label="the paper", zorder=10)
-    draw_cdf(ax, [errors], {name: estimate_style(0)})
-    ax.set_title(title, fontsize=10)
-    return figure

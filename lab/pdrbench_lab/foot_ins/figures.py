@@ -14,8 +14,8 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, FootParams, FootStates, find_strides, navigate, navigate_smoothed
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.picture.trail import REFERENCE, draw_trail, estimate_style
-from pdrbench.report.panels import panels, save_figures
 from pdrbench.trajectory import Trajectory
+from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.foot_ins.experiments import (
     RUNNING,
     WALKING,

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.report.panels import panels, save_figures
+from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.learned.batches import UNCHANGED, Feed
 from pdrbench_lab.learned.data import Windows, load_or_gather
 from pdrbench_lab.learned.measure import WALKS_M, WindowOutputs, window_figures, window_outputs

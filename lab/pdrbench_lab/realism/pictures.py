@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as Drawing
 from pdrbench.geometry import FloatArray
 from pdrbench.picture import estimate_style
 from pdrbench.report.folder import DPI, UNDATED
-from pdrbench.report.panels import panels
+from pdrbench_lab.drawing.curves import panels
 from pdrbench_lab.realism import load_block
 from pdrbench_lab.realism.block import Block, Order, RealismStatistic, Within
 from pdrbench_lab.realism.criteria import ScorecardRow

@@ -17,7 +17,7 @@ from pdrbench.picture import draw_level, estimate_style
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.report.folder import DPI, UNDATED
-from pdrbench.report.panels import panels
+from pdrbench_lab.drawing.curves import panels
 from pdrbench_lab.realism.malls import mall_scene, mall_walk
 from pdrbench_lab.realism.scorecard import Scorecard
 from pdrbench_sim.buildings.office import make_office

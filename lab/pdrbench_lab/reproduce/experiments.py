@@ -7,12 +7,15 @@ run.
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
 import functools
 import json
 import math
+import sys
 import time
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +25,6 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import store
-from pdrbench.evaluation.deadlines import last_words
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
 from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.registry import PluginEntry, make_task
@@ -137,6 +139,16 @@ def measure(job: ExperimentJob, context: JobContext, note: IO[bytes], memory: di
         "machine": machine(),
     }
     return COMPLETE, (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+@contextlib.contextmanager
+def last_words(report: IO[Any]) -> Iterator[None]:
+    """Whatever ends the process inside leaves a traceback in `report`, also where compiled code is to blame."""
+    faulthandler.enable(report)
+    try:
+        yield
+    finally:
+        faulthandler.enable(sys.__stderr__ or 2)
 
 
 def plain_numbers(returned: object) -> dict[str, Any]:

@@ -11,10 +11,10 @@ import numpy as np
 from pdrbench.localizer import Localizer
 from pdrbench.picture import draw_level, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
-from pdrbench.report.panels import panels, save_figures
 from pdrbench_baselines.frank2009.histograms import HistogramTable
 from pdrbench_baselines.frank2009.localizer import Frank2009, WlanFrank2009
 from pdrbench_lab.drawing import draw_path
+from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.papers.frank2009.experiments import ENV, LAP_MARKS, answers, errors_m
 from pdrbench_lab.papers.paper_walks import walk_of
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from pdrbench.picture import draw_level, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
-from pdrbench.report.panels import panels, save_figures
 from pdrbench_lab.drawing import draw_path
+from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.papers.li2012.claims import NAMES, PLACES, STATED_M
 from pdrbench_lab.papers.li2012.experiments import HEADING_SUBJECTS
 from pdrbench_lab.papers.li2012.laps import ALGORITHMS, Crowd, follow

@@ -20,9 +20,9 @@ import numpy as np
 from pdrbench.datasets import dataset
 from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import GENTLE, AdaptiveStepParams, find_adaptive_steps, find_steps
-from pdrbench.inertial.adaptive_steps import choose_steps, find_waves
+from pdrbench.inertial import GENTLE, find_steps
 from pdrbench.sensors.checks import rate_of
+from pdrbench_lab.adaptive_steps import AdaptiveStepParams, choose_steps, find_adaptive_steps, find_waves
 from pdrbench_lab.papers.li2012 import steps as walks
 from pdrbench_lab.readers import phone_steps
 from pdrbench_lab.reproduce.reproduction import (

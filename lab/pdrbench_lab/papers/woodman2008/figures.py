@@ -13,8 +13,6 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.picture import estimate_style
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
-from pdrbench.report.cdf import cdf_figure
-from pdrbench.report.panels import save_figures
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
@@ -29,6 +27,7 @@ from pdrbench_lab.drawing import (
     exploded_figure,
     level_panels,
 )
+from pdrbench_lab.drawing.curves import cdf_figure, save_figures
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
 from pdrbench_lab.papers.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run
 

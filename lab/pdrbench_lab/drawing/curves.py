@@ -9,6 +9,10 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pdrbench.geometry import FloatArray
+from pdrbench.picture import estimate_style
+from pdrbench.report.cdf import LocalizerErrors, draw_cdf
+
 
 def panels(
     titles: Sequence[str],
@@ -51,3 +55,18 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int) -> list[
     for path, figure in zip(paths, figures.values(), strict=True):
         figure.savefig(path, dpi=dpi)
     return paths
+
+
+def cdf_figure(name: str, by_walk: Mapping[str, FloatArray], stated: Mapping[float, float], *, title: str) -> Figure:
+    """The errors in metres (n,) of all walks in one curve, with a band by the spread of walks.
+
+    `stated` holds errors in metres by quantile, as a paper states them; they are drawn as crosses.
+    """
+    figure = Figure(figsize=(5.0, 3.6), layout="constrained")
+    ax = figure.add_subplot()
+    errors = LocalizerErrors(name, by_walk, {walk: walk for walk in by_walk})
+    if stated:
+        ax.plot(list(stated.values()), list(stated), "x", color="black", label="the paper", zorder=10)
+    draw_cdf(ax, [errors], {name: estimate_style(0)})
+    ax.set_title(title, fontsize=10)
+    return figure

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.inertial import GENTLE, AdaptiveStepParams, find_adaptive_steps, find_steps
+from pdrbench.inertial import GENTLE, find_steps
+from pdrbench_lab.adaptive_steps import AdaptiveStepParams, find_adaptive_steps
 
 RATE_HZ = 50.0
 G = 9.80665
