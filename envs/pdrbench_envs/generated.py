@@ -111,18 +111,25 @@ def start_place(recording: Recording) -> Start:
 
 
 def with_held_out(task: Task, env: str = "", person: Callable[[str], str] | None = None) -> Task:
-    """The same task, which a secret can give held-out walks.
+    """The same task, which a secret can give held-out walks, and whose start is given to the millimetre.
 
     Args:
         task: Whose `load` asks its `GeneratedWalks` for the place of a walk and for its seeds.
         env: That the walks are drawn for, where two environments share them; else the task's own.
         person: Name of the person of a walk, the unit of replication where all walks are in one building; else None.
     """
+    task = dataclasses.replace(task, tell_start=functools.partial(_rounded_start, task.tell_start))
     if person is not None:
         units = {walk: person(walk) for walks in task.walks.values() for walk in walks}
         task = dataclasses.replace(task, units=units, unit_kind="person")
     hold_out = functools.partial(_hold_out, task, env or task.id, person)
     return dataclasses.replace(task, held_out=hold_out)
+
+
+def _rounded_start(tell_start: Callable[[Recording], Start], recording: Recording) -> Start:
+    from pdrbench_sim.resolution import rounded_start
+
+    return rounded_start(tell_start(recording))
 
 
 def _hold_out(task: Task, env: str, person: Callable[[str], str] | None, secret: str) -> Task:

@@ -184,11 +184,13 @@ def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Gener
 
 def at_observations(recording: Recording) -> Recording:
     """The same walk with its rests reported at the last observation of each: there the foot still stands."""
+    from pdrbench_sim.resolution import rounded_reference
+
     step = np.floor(recording.reference.t_s / FOOT_PERIOD_S + 1e-9)
     step[0] = 0.0
     is_new = np.diff(step, prepend=-1.0) > 0
     reference = dataclasses.replace(recording.reference.rows(is_new), t_s=step[is_new] * FOOT_PERIOD_S)
-    return dataclasses.replace(recording, reference=reference)
+    return dataclasses.replace(recording, reference=rounded_reference(reference))
 
 
 def _radio_map(kind: _SignalSet, recording: Recording) -> RadioMap:

@@ -99,8 +99,10 @@ def _load(walk: str) -> Recording:
 def stride_recording(
     walk: str, building: Building, person: Person, rows: FloatArray, reference: Trajectory
 ) -> Recording:
-    """Stride events (S - 1, 4) of a person's walk with their reference."""
-    return Recording(
+    """Stride events (S - 1, 4) of a person's walk with their reference, in whole steps."""
+    from pdrbench_sim.resolution import rounded
+
+    recording = Recording(
         id=walk,
         building=building,
         streams={"stride": SensorStream(STRIDE, rows)},
@@ -109,6 +111,7 @@ def stride_recording(
         device="simulated foot-mounted inertial unit",
         mounting="foot",
     )
+    return rounded(recording)
 
 
 @functools.lru_cache(maxsize=16)
@@ -164,9 +167,10 @@ def record_strides(building: Building, rests: Stances, rng: np.random.Generator)
         reference: S rows; the first is the start, given and not scored.
     """
     from pdrbench_sim.people.strides import report_times_s, strides
+    from pdrbench_sim.resolution import TIME_STEP_S, in_steps
 
     true = strides(building, rests)
-    reported = report_times_s(rests, HOLD_S)
+    reported = in_steps(report_times_s(rests, HOLD_S), TIME_STEP_S)
     rows = measure(np.column_stack([reported[1:], true.length_m, true.height_m, true.turn_rad]), rng, stride_errors())
     observation = np.ceil(reported / PERIOD_S - 1e-9)
     observation[0] = 0

@@ -153,6 +153,7 @@ def _load(kind: _Kind, walk: str) -> Recording:
     from pdrbench_formats.derive import derive
     from pdrbench_sim.people.person import draw_person
     from pdrbench_sim.record import simulate_walk
+    from pdrbench_sim.resolution import rounded
 
     split, index = kind.walks.place_of(walk)
     rng = _PHONE.walks.rng(split, _PLAN, index)
@@ -172,7 +173,7 @@ def _load(kind: _Kind, walk: str) -> Recording:
     streams = derive(
         recording.streams, recording.mounting, kind.derived, start=start_place(recording), building=recording.building
     )
-    return dataclasses.replace(recording, streams=streams)
+    return rounded(dataclasses.replace(recording, streams=streams))
 
 
 def _setup(kind: _Kind, index: int, rng: np.random.Generator) -> Setup:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -28,12 +28,14 @@ from pdrbench_formats.maps.features import (
     to_metres,
 )
 from pdrbench_formats.maps.stacks import Outline, join_stacks
+from pdrbench_sim.resolution import in_steps
 
 MAIN: Final = "main.json"
 OUTLINE: Final = "building_outline"
 BARRIERS: Final = frozenset({"wall", "window", "inaccessible_space"})
 NAMED: Final = frozenset({"room", "bathroom", "hallway", "unit", "garden"})
 CONNECTIONS: Final = {"stairs": "stairs", "escalator": "escalator", "elevator": "lift"}
+SNAP_M: Final = 1e-6  # far below what a plan knows, far above the last bit of a cosine
 MIN_WALL_M: Final = 0.02  # between the wall of a plan and a line that it was drawn with
 
 
@@ -83,13 +85,20 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     return finished(builder, "wrld3d", geo, skipped)
 
 
+def _snapped(shape: Any) -> Any:
+    """A geometry to the micrometre, so that the plan falls into the same pieces on every processor."""
+    import shapely
+
+    return shapely.transform(shape, lambda xy_m: in_steps(xy_m, SNAP_M))
+
+
 def _add_level(
     builder: BuildingBuilder, number: int, features: list[Feature], geo: GeoFrame, skipped: Counter[str]
 ) -> list[Outline]:
     outlines = []
     floors = 0
     for feature in features:
-        kind, shape = feature.text("type"), to_metres(feature.shape, geo)
+        kind, shape = feature.text("type"), _snapped(to_metres(feature.shape, geo))
         name = feature.text("name") or feature.id
         if kind == OUTLINE:
             builder.add_walkable(shape, number, id=f"floor-{floors}", walled=False)

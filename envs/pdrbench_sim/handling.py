@@ -17,6 +17,7 @@ from pdrbench_sim.people.route import Place
 from pdrbench_sim.phone.handling_motion import HandlingParams, handling_motion
 from pdrbench_sim.phone.sensors import phone_rows, sample_times
 from pdrbench_sim.record import BuildingScene
+from pdrbench_sim.resolution import rounded
 from pdrbench_sim.units.profiles import imu_profile
 
 DEVICE: Final = "phone_mid"
@@ -72,7 +73,7 @@ def record_handling(
     }
     at_s = np.arange(math.floor(duration_s / reference_s) + 1, dtype=np.float64) * reference_s
     level = int(scene.building.level(np.array([place.polygon]))[0])
-    return Recording(
+    recording = Recording(
         id=name,
         building=scene.building,
         streams=streams,
@@ -82,3 +83,4 @@ def record_handling(
         device=f"simulated {DEVICE}",
         mounting="hand",
     )
+    return rounded(recording, {"accel": profile.accel.step, "gyro": profile.gyro.step})

@@ -44,6 +44,7 @@ from pdrbench_sim.radio.ble import BeaconParams, Beacons, make_beacons, receive_
 from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walk
 from pdrbench_sim.radio.wlan import draw_receiver
+from pdrbench_sim.resolution import mag_step_ut, rounded
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import ImuProfile, imu_profile
@@ -175,7 +176,7 @@ def simulate_walk(
         name: Id of the recording.
 
     Returns:
-        Streams of `Setup.sensors`, times in seconds since the beginning of the walk.
+        Streams of `Setup.sensors`, times in seconds since the beginning of the walk, in whole steps of their devices.
 
     Raises:
         SimulationError: A duration that is not positive.
@@ -191,7 +192,7 @@ def simulate_walk(
     feet = stances(way, streams("gait"), gait)
     end_s = min(duration_s, way.end_s + 1.0)
     device = _Device.carried(scene, way, feet, setup, streams, end_s)
-    return Recording(
+    recording = Recording(
         id=name,
         building=scene.building,
         streams={sensor: device.stream(sensor) for sensor in setup.sensors},
@@ -200,6 +201,13 @@ def simulate_walk(
         device=f"simulated {setup.device}",
         mounting=setup.mounting,
     )
+    return rounded(recording, _steps(setup))
+
+
+def _steps(setup: Setup) -> dict[str, float]:
+    """Of the devices that are carried."""
+    unit = setup.profile
+    return {"accel": unit.accel.step, "gyro": unit.gyro.step, "mag": mag_step_ut(setup.mounting)}
 
 
 class _Streams:

@@ -34,7 +34,7 @@ def estimates_of_strides(task, recording) -> dict[float, np.ndarray]:
             heading_rad += turn_rad
             xy_m = xy_m + length_m * np.array([np.cos(heading_rad), np.sin(heading_rad)])
         episode.submit(Estimate(xy_m, 0))
-        found[observation.now_s] = xy_m
+        found[round(observation.now_s, 6)] = xy_m
     return found
 
 
@@ -72,7 +72,7 @@ def test_the_reference_is_where_the_foot_rests_when_the_stride_is_delivered(reco
         assert (waited_s > -1e-6).all()
         assert (waited_s < 0.2).all()
         on_grid = np.round(reference.t_s / 0.2)
-        np.testing.assert_array_equal(reference.t_s, on_grid * 0.2)
+        np.testing.assert_allclose(reference.t_s, on_grid * 0.2, rtol=0, atol=1e-9)
         located = recording.building.contains(reference.xy_m, reference.level)
         assert located.all()
 
@@ -83,7 +83,8 @@ def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_refere
     found = estimates_of_strides(task, recording)
     scored = recording.reference.scored()
     came = np.array([found[t_s] for t_s in scored.t_s])
-    np.testing.assert_allclose(came, scored.xy_m, atol=1e-9)
+    # Rounding: N strides each 0.3 mm and, from there on, 0.03 mrad; of 200 strides a few millimetres.
+    np.testing.assert_allclose(came, scored.xy_m, atol=0.05)
 
 
 def test_with_measured_errors_it_drifts_by_metres(task, recordings):
@@ -99,7 +100,8 @@ def test_the_start_is_given_with_the_heading_of_the_first_stride(task, recording
     for recording in itertools.chain(*recordings.values()):
         start = task.brief(recording).start
         first_m = recording.reference.xy_m[1] - recording.reference.xy_m[0]
-        assert start.heading_rad == pytest.approx(np.arctan2(first_m[1], first_m[0]))
+        # Places are whole millimetres, and the first stride is half a metre or longer
+        assert start.heading_rad == pytest.approx(np.arctan2(first_m[1], first_m[0]), abs=3e-3)
         assert start.radius_m == 0
         np.testing.assert_array_equal(start.xy_m, recording.reference.xy_m[0])
 

@@ -157,7 +157,7 @@ def _polygon(cell: Cell, doors: Sequence[tuple[Point, Point, int]]) -> FloorPoly
         id=cell.id,
         outline_xy_m=np.array(rings[0][0]),
         neighbour=np.array([leads for _, ring_leads in rings for leads in ring_leads]),
-        height_m=cell.height_m,
+        height_m=mm(cell.height_m),
         level=cell.level,
         kind=cell.kind,
         holes=tuple(np.array(points) for points, _ in rings[1:]),

@@ -13,6 +13,7 @@ from pdrbench.radio import Cells, survey_of_readings
 from pdrbench.recording import RadioMap
 from pdrbench_sim.radio.networks import Networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walks
+from pdrbench_sim.resolution import rounded_survey
 
 STAYS_S: Final = 4.6  # at each place: two scans, as a rule
 MAX_DURATION_S: Final = 12.0  # until one has come in any case
@@ -47,7 +48,8 @@ def survey_standing(rng: np.random.Generator, networks: Networks, cells: Cells, 
     counts = [np.unique(of_place[:, 0], return_counts=True)[1] for of_place in rows]
     read = np.concatenate(rows)
     level = networks.field.building.level(polygon)[place]
-    return survey_of_readings(xy_m[place], level, place, np.concatenate(counts), read[:, [1, 2, 4]], surveyed=True)
+    found = survey_of_readings(xy_m[place], level, place, np.concatenate(counts), read[:, [1, 2, 4]], surveyed=True)
+    return rounded_survey(found)
 
 
 def _first_scans(rows: FloatArray) -> FloatArray:

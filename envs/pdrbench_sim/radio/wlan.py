@@ -20,6 +20,7 @@ from pdrbench.radio import Cells, survey_of_table
 from pdrbench.recording import RadioMap
 from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.radio.rays import Obstacles, obstacles
+from pdrbench_sim.resolution import rounded_survey
 
 FAINT_DBM: Final = -130.0  # below it no shadowing and no fading brings an access point back: the rest is not counted
 CHANNELS_MHZ: Final = (2412.0, 2437.0, 2462.0)  # 1, 6 and 11, which do not overlap
@@ -368,4 +369,4 @@ def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: i
     heading_rad = 2 * math.pi * (number + rng.random(len(cell))) / queries
     t_s = 30.0 * np.arange(len(cell))  # far enough apart to fade on their own
     rssi_dbm = field.receive(rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
-    return survey_of_table(xy_m, cells.level[cell], cell, rssi_dbm, field.access_points.id)
+    return rounded_survey(survey_of_table(xy_m, cells.level[cell], cell, rssi_dbm, field.access_points.id))

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
 from pdrbench.geometry import FloatArray, read_only
+from pdrbench_sim.resolution import in_steps
 from pdrbench_sim.units.profiles import DeviceError, ImuProfile, SensorErrors
 
 MARKOV_PEAK: Final = 0.6174  # largest Allan deviation of a Gauss-Markov process of variance 1, at 1.89 time constants
@@ -43,11 +44,11 @@ class SensorTriad:
         measured = ideal @ self.gain.T + disturbance + self.bias
         measured += _in_run_bias(errors, len(ideal), rate_hz, markov, walk)
         measured += self.noise * errors.density * math.sqrt(rate_hz) * white.standard_normal(ideal.shape)
-        np.clip(measured, -errors.limit, errors.limit, out=measured)
-        if errors.step:
-            measured = errors.step * np.rint(measured / errors.step)
-            np.clip(measured, -errors.limit, errors.limit, out=measured)  # no number beyond the range
-        return measured
+        limit = errors.limit
+        if errors.step and limit < math.inf:
+            limit = errors.step * math.floor(limit / errors.step + 1e-6)  # no number beyond the range
+        np.clip(measured, -limit, limit, out=measured)
+        return in_steps(measured, errors.step) if errors.step else measured
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,6 +83,7 @@ def _load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     from pdrbench_formats.derive import derive
     from pdrbench_sim.record import IN_HAND, simulate_walk
+    from pdrbench_sim.resolution import rounded
 
     split, index = WALKS.place_of(walk)
     plan, rng = WALKS.split(split), WALKS.rng(split, _PLAN, index)
@@ -104,7 +105,7 @@ def _load(walk: str) -> Recording:
     streams = derive(
         recording.streams, recording.mounting, DERIVED, start=start_pose(recording), building=recording.building
     )
-    return dataclasses.replace(recording, streams=streams)
+    return rounded(dataclasses.replace(recording, streams=streams))
 
 
 def _draw_places(rng: np.random.Generator, mesh: NavigationMesh, duration_s: float) -> list[Place]:

@@ -32,6 +32,7 @@ from pdrbench_sim.people.walker import NATURAL_WALK
 from pdrbench_sim.radio.scans import PhonePath
 from pdrbench_sim.radio.wlan import PropagationParams, RadioField, make_radio_field
 from pdrbench_sim.record import ON_FOOT, BuildingScene, simulate_walk
+from pdrbench_sim.resolution import rounded_reference, rounded_stream, rounded_survey
 
 LAPS: Final = 4  # F1
 NUM_MARKS: Final = 17  # F1
@@ -138,7 +139,7 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, motion_m: float 
     received_dbm = radio.receive(
         for_air, t_s, corridor_polygon(radio.building, len(point)), held_m, facing_rad[point], doors_open=is_open[point]
     )
-    return survey_of_table(xy_m[point], 0, point, received_dbm, radio.access_points.id)
+    return rounded_survey(survey_of_table(xy_m[point], 0, point, received_dbm, radio.access_points.id))
 
 
 def _slight_motion(rng: np.random.Generator, num_points: int) -> FloatArray:
@@ -240,5 +241,5 @@ def record_hallway(
     reference = Trajectory(
         t_s=t_s, xy_m=xy_m, level=np.zeros(len(t_s), dtype=np.int64), surveyed=np.ones(len(t_s), dtype=np.bool_)
     )
-    wifi = SensorStream(sensor_spec("wifi"), scan_hallway(for_scans, radio, way))
-    return replace(foot, building=None, streams={**foot.streams, "wifi": wifi}, reference=reference)
+    wifi = rounded_stream(SensorStream(sensor_spec("wifi"), scan_hallway(for_scans, radio, way)))
+    return replace(foot, building=None, streams={**foot.streams, "wifi": wifi}, reference=rounded_reference(reference))

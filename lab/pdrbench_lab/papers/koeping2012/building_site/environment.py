@@ -84,6 +84,8 @@ def _make_task(env: str, summary: str) -> Task:
 
 def load(env: str, walk: str) -> Recording:
     """A walk of an environment by its id; the same one whenever it is asked for."""
+    from pdrbench_sim.resolution import rounded
+
     split, index = _walks(env).place_of(walk)
     building, person, body = _walk(split, index)
     row = np.rint(np.arange(0.0, DURATION_S + UPDATE_S / 2, UPDATE_S) * _BODY_HZ).astype(np.int64)
@@ -96,7 +98,7 @@ def load(env: str, walk: str) -> Recording:
         z_m=body.z_m[row],
     )
     rows = measure(reference.t_s, reference.xy_m, _walks(env).rng(split, _ERRORS, index), _READINGS[env])
-    return Recording(
+    recording = Recording(
         id=walk,
         building=building,
         streams={"position": SensorStream(POSITION, rows)},
@@ -105,6 +107,7 @@ def load(env: str, walk: str) -> Recording:
         device="simulated inertial navigation system",
         mounting="body",
     )
+    return rounded(recording)
 
 
 @functools.cache

@@ -1,0 +1,115 @@
+"""Generated walks are the same numbers on every processor: stored thinned copies, under three kinds of kernels.
+
+The copies are written by `python -m pdrbench_sim.thinned write tests/envs/walks ENV/WALK...` with the names in `WALKS`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.datasets import is_available
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.registry import environments, make_task
+from pdrbench_sim.thinned import agreement
+
+COPIES = Path(__file__).parent / "walks"
+# Two walks of each environment, where it can be in one building.
+WALKS = {
+    "OfficeFoot-v2": ("val-00", "val-04"),
+    "OfficePhone-v1": ("val-00", "val-04"),
+    "OfficePhoneAbroad-v1": ("val-04", "val-08"),
+    "OfficeStride-v2": ("val-00", "val-05"),
+    "WestportFoot-v2": ("val-00", "val-01"),
+    "WestportPhone-v1": ("val-00", "val-01"),
+}
+MAX_OTHER = 1e-5  # fraction of values that may be another whole number, by one step
+
+
+def kernels() -> dict[str, tuple[str, str]]:
+    """A core of OpenBLAS and features that NumPy does without, three pairs that this processor can run."""
+    from numpy._core import _multiarray_umath as numpy_core
+
+    here = {name for name, has in numpy_core.__cpu_features__.items() if has}
+    dispatched = [name for name in numpy_core.__cpu_dispatch__ if name in here]
+    wide = [name for name in dispatched if "AVX512" in name or name == "X86_V4"]
+    cores = [core for core, needs in (("Haswell", "AVX2"), ("SkylakeX", "AVX512_SKX")) if needs in here]
+    narrower, least = [*cores, "", ""][:2]
+    return {
+        "as it is": ("", ""),
+        "narrower": (narrower, " ".join(wide)),
+        "least": (least, " ".join(dispatched)),
+    }
+
+
+def walks_at_hand() -> list[str]:
+    return [
+        f"{env}/{walk}"
+        for env, walks in WALKS.items()
+        if make_task(env).dataset is None or is_available(str(make_task(env).dataset))
+        for walk in walks
+    ]
+
+
+def test_every_generated_environment_has_two_copies() -> None:
+    generated = {
+        name
+        for name, entry in environments().items()
+        if entry.package == "pdrbench" and "generated" in make_task(name).source
+    }
+    assert set(WALKS) == generated == {path.stem for path in COPIES.glob("*.json")}
+    for env, walks in WALKS.items():
+        assert set(json.loads((COPIES / f"{env}.json").read_text())) == set(walks)
+
+
+@pytest.mark.parametrize("kind", ["as it is", "narrower", "least"])
+def test_walks_are_their_copies_whatever_the_kernels(kind: str) -> None:
+    core, without = kernels()[kind]
+    variables = {"OPENBLAS_CORETYPE": core, "NPY_DISABLE_CPU_FEATURES": without}
+    environment = {name: value for name, value in os.environ.items() if name not in variables}
+    environment |= {name: value for name, value in variables.items() if value}
+    command = [sys.executable, "-m", "pdrbench_sim.thinned", "check", str(COPIES), *walks_at_hand()]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    assert {walk: one["wrong"] for walk, one in found.items() if one["wrong"]} == {}
+    values, other = (sum(one[name] for one in found.values()) for name in ("values", "other"))
+    assert values > 4000 * len(found) / 2
+    assert other <= math.ceil(MAX_OTHER * values), found
+    assert max(one["most"] for one in found.values()) <= 1
+
+
+@pytest.fixture(scope="module")
+def stored() -> dict[str, Any]:
+    copies: dict[str, Any] = json.loads((COPIES / "OfficeStride-v2.json").read_text())
+    return copies
+
+
+@pytest.mark.parametrize(
+    ("change", "other", "most"),
+    [
+        (lambda rows: rows + np.array([0, 1e-9, 0, 0]), 0, 0),  # the last bits, and far more
+        (lambda rows: rows + np.array([0, 1e-3, 0, 0]), 161, 1),  # a step
+        (lambda rows: rows[:-1], 0, 0),
+    ],
+)
+def test_another_walk_is_found(stored: dict[str, Any], change: Any, other: int, most: int) -> None:
+    task = make_task("OfficeStride-v2")
+
+    def load(walk: str) -> Recording:
+        recording = task.load(walk)
+        stride = recording.streams["stride"]
+        return dataclasses.replace(recording, streams={"stride": SensorStream(stride.spec, change(stride.rows))})
+
+    found = agreement(dataclasses.replace(task, load=load), "val-00", stored["val-00"])
+    assert (found.other, found.most) == (other, most)
+    assert bool(found.wrong) == (len(change(np.zeros((161, 4)))) < 161)
