@@ -28,7 +28,7 @@ RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as gu
 TRACK_COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "sigma_m", "heading_rad")  # of `revise`
 NUM_PLACE_COLUMNS: Final = 4  # of them are needed, the others are claims
 REVISION_SLACK_S: Final = 0.01  # as `metrics.hold.HOLD_SLACK_S`; a score may change without changing an estimate
-CLOCK_SLACK_S: Final = 1e-6  # rows stamped within a microsecond after now count as delivered: k * period_s is rounded
+CLOCK_SLACK_S: Final = 5e-7  # half a microsecond, the step of generated times: k * period_s is rounded
 
 
 class EstimateRow(NamedTuple):
