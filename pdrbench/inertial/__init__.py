@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pdrbench.inertial.checks import check_units, clean_rows
 from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, concatenate
-from pdrbench.inertial.magnetometer import FieldParams, level_field_ut
-from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
+from pdrbench.inertial.magnetometer import FieldParams
+from pdrbench.inertial.navigate import navigate, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, multiply, phone_heading_rad, to_world
@@ -53,11 +53,9 @@ __all__ = [
     "find_strides",
     "from_yaw_pitch_roll",
     "inverse",
-    "level_field_ut",
     "level_heights",
     "multiply",
     "navigate",
-    "navigate_many",
     "navigate_smoothed",
     "phone_heading_rad",
     "to_world",

@@ -146,6 +146,8 @@ def _swings(gyro: FloatArray) -> IntArray:
     energy = sums[5:] - sums[:-5]
     tops = np.maximum.reduceat(energy, np.arange(0, len(energy), BLOCK))
     walks = np.repeat(tops > SWING_FRACTION * np.quantile(tops, 0.9), BLOCK)[: len(energy)]
+    if not walks.any():  # a gyroscope that shows zero throughout
+        return np.zeros((0, 2), dtype=np.int64)
     quiet = (walks & (energy <= np.quantile(energy[walks], QUIET_FRACTION))).astype(np.int8)
     turns = np.flatnonzero(np.diff(quiet, prepend=0, append=0))
     calm = np.array([low + int(np.argmin(energy[low:high])) for low, high in turns.reshape(-1, 2)])

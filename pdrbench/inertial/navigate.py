@@ -1,12 +1,9 @@
-"""Whole recordings of a foot: filtered or smoothed, one or many."""
+"""Whole recordings of a foot: filtered or smoothed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
-import numba
 import numpy as np
 
 from pdrbench.errors import RecordingError
@@ -89,22 +86,6 @@ def navigate_smoothed(
         run(memory, states.part(part), rows.accel[part], rows.gyro[part], used[part], noise, record)
         smooth(record, adjoint, information, memory.size, states.x[part], states.cov[part])
     return states
-
-
-def navigate_many(
-    walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]], params: FootParams = FOOT
-) -> list[FootStates]:
-    """Filters many recordings at once, one thread each; the same bytes as `navigate` one by one.
-
-    There are `numba.get_num_threads()` threads. The kernels let go of the interpreter while they run.
-
-    Args:
-        walks: Of each walk t_s (n,), accel (n, 3) and gyro (n, 3), as `navigate` takes them; no magnetometer.
-        params: See `FootParams`.
-    """
-
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        return list(pool.map(lambda walk: navigate(walk[0], walk[1], walk[2], params), walks))
 
 
 def _evened(t_s: FloatArray) -> FloatArray:

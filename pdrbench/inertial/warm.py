@@ -6,7 +6,7 @@ import numpy as np
 
 from pdrbench.inertial.foot_filter import FOOT, LITERAL
 from pdrbench.inertial.foot_motion import walk
-from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
+from pdrbench.inertial.navigate import navigate, navigate_smoothed
 from pdrbench.inertial.phone_attitude import PhoneAttitude
 from pdrbench.inertial.step_detection import find_steps
 from pdrbench.inertial.warping import warped_distances
@@ -24,7 +24,6 @@ def warm_up() -> None:
     for params in (LITERAL, FOOT):
         navigate(*measured, params)
         navigate_smoothed(*measured, params)
-        navigate_many([measured], params)
     t_s = np.arange(0.0, 5.0, 0.02)
     length = 9.81 + 3.0 * np.sin(4 * np.pi * t_s)
     PhoneAttitude().update(np.column_stack([t_s, length, np.zeros((len(t_s), 2))]), np.zeros((len(t_s), 4)))

@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from scipy import stats
@@ -25,7 +24,6 @@ from pdrbench.inertial import (
     Rest,
     concatenate,
     navigate,
-    navigate_many,
     navigate_smoothed,
 )
 from pdrbench.inertial.foot_filter import LEVEL_SIGMA_RAD, empty_states, level, run
@@ -189,22 +187,6 @@ def test_how_a_stream_is_cut_does_not_matter(params: FootParams, measure: Any, e
         assert same_bytes(concatenate(parts), whole)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_many_walks_are_each_walk(threads: int, measure: Any, rng: Any) -> None:
-    walks = [measure(walk(strides, turn_rad=0.1 * strides), rng) for strides in (3, 1, 5, 2, 4)]
-    before = numba.get_num_threads()
-    if threads > numba.config.NUMBA_NUM_THREADS:
-        pytest.skip(f"this machine has no {threads} threads")
-    numba.set_num_threads(threads)
-    try:
-        for params in (LITERAL, FOOT):
-            together = navigate_many(walks, params)
-            assert all(same_bytes(a, navigate(*b, params)) for a, b in zip(together, walks, strict=True))
-    finally:
-        numba.set_num_threads(before)
-    assert navigate_many([], LITERAL) == []
-
-
 def test_samples_that_repeat_a_time_change_nothing(measure: Any, rng: Any) -> None:
     measured = measure(walk(3), rng)
     few = rng.integers(0, len(measured.t_s), 5)  # more are bursts, for `even_clock`
@@ -277,7 +259,7 @@ def test_a_unit_that_never_rests_is_refused(rng: Any) -> None:
     t_s = np.arange(0, 10, 1 / 200)
     accel = np.column_stack([np.zeros_like(t_s), 8 * np.sin(9 * t_s), 9.8 + 8 * np.cos(7 * t_s)])
     gyro = np.column_stack([5 * np.cos(3 * t_s), 5 * np.sin(3 * t_s), np.full_like(t_s, 3.0)])
-    for refuses in (navigate, navigate_smoothed, lambda *walk: navigate_many([walk])):
+    for refuses in (navigate, navigate_smoothed):
         with pytest.raises(RecordingError, match=r"never rests.*is the unit on a foot"):
             refuses(t_s, accel, gyro)
 

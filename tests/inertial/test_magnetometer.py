@@ -12,16 +12,10 @@ import pytest
 from pdrbench.inertial import (
     LITERAL,
     FieldParams,
-    from_yaw_pitch_roll,
-    inverse,
-    level_field_ut,
-    multiply,
     navigate,
-    to_world,
 )
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.magnetometer import FieldGate
-from pdrbench.inertial.quaternions import about_vertical
 
 EARTH_UT = np.array([20.0, 0.0, -45.0])
 WITH_FIELD = replace(LITERAL, field=FieldParams())
@@ -112,18 +106,3 @@ def test_iron_in_the_floor_does_no_harm(measure: Any, earth_field: Any, rng: Any
     states = navigate(*measured, WITH_FIELD, field=field)
     assert abs(states.yaw_rad[-1]) < math.radians(2)
     np.testing.assert_allclose(states.position_m[-1, :2], motion.position_m[-1, :2], atol=0.5)
-
-
-def test_a_level_field_is_that_of_the_phone_without_its_tilt_and_its_yaw(rng: np.random.Generator) -> None:
-    """A field of 30 uT to the north and 35 down, of phones that are tilted, and that report a yaw that is wrong."""
-    yaw, pitch, roll = rng.uniform(-3.0, 3.0, 50), rng.uniform(-1.2, 1.2, 50), rng.uniform(-1.0, 1.0, 50)
-    attitude = from_yaw_pitch_roll(yaw, pitch, roll)
-    mag = to_world(inverse(attitude), np.tile([0.0, 30.0, -35.0], (50, 1)))
-    found = level_field_ut(attitude, mag)
-    np.testing.assert_allclose(found[:, 2], -35.0)
-    np.testing.assert_allclose(np.hypot(found[:, 0], found[:, 1]), 30.0)
-    off = multiply(about_vertical(0.7), attitude)
-    np.testing.assert_allclose(level_field_ut(off, mag), found, atol=1e-9)
-    eastward = multiply(about_vertical(-np.pi / 2), np.array([[1.0, 0.0, 0.0, 0.0]]))  # north is to its left
-    field = to_world(inverse(eastward), np.array([[0.0, 30.0, -35.0]]))
-    np.testing.assert_allclose(level_field_ut(eastward, field), [[-30.0, 0.0, -35.0]], atol=1e-9)

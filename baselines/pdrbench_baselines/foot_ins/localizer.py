@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.errors import UnsuitableError
+from pdrbench.errors import RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray, path_heading_rad
 from pdrbench.inertial import (
     DETECTORS,
@@ -110,11 +110,17 @@ class FootIns:
         return self._estimate
 
     def revise(self) -> FloatArray | None:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m of the smoothed track, 20 rows a second; None without one."""
+        """(K, 5) t_s, x_m, y_m, level, sigma_m of the smoothed track, 20 rows a second.
+
+        None without one, and where the samples of the whole walk contradict each other: the answers stay as they were.
+        """
         if not self._params.revises or self._last is None:
             return None
         rows = np.concatenate(self._rows)
-        states = navigate_smoothed(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._filter_params)
+        try:
+            states = navigate_smoothed(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._filter_params)
+        except RecordingError:
+            return None
         known = np.flatnonzero(np.isfinite(states.x[:, 0]))
         ticks = np.arange(states.t_s[known[0]], states.t_s[-1], 0.05)
         chosen = known[np.unique(np.searchsorted(states.t_s[known], ticks, side="right") - 1)]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -37,7 +38,7 @@ from pdrbench.inertial.foot_kernels import (
 )
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
-from pdrbench.inertial.navigate import navigate, navigate_many
+from pdrbench.inertial.navigate import navigate
 from pdrbench.inertial.warm import warm_up
 from pdrbench.inertial.zero_velocity import (
     DETECTORS,
@@ -181,7 +182,7 @@ def _walks(strides: int, rounds: int) -> list[Timing]:
     def on(threads: int) -> Callable[[], Callable[[], object]]:
         def prepare() -> Callable[[], object]:
             numba.set_num_threads(threads)
-            return lambda: navigate_many(walks)
+            return lambda: _navigate_many(walks)
 
         return prepare
 
@@ -199,6 +200,12 @@ def _walks(strides: int, rounds: int) -> list[Timing]:
 
 def _rate(name: str, per_s: float, other_per_s: float, against: str) -> Timing:
     return Timing(name, per_s / 1e6, "M samples/s", against, per_s / other_per_s)
+
+
+def _navigate_many(walks: Sequence[Walk]) -> list[FootStates]:
+    """Filters many recordings at once, one thread each: the kernels let go of the interpreter while they run."""
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        return list(pool.map(lambda walk: navigate(*walk), walks))
 
 
 class Stage(NamedTuple):

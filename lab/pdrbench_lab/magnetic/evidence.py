@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from pdrbench.building.convex import ConvexMap
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.inertial import level_field_ut
 from pdrbench.recording import MagneticMap
 from pdrbench_lab.magnetic.field import MagneticField, MagneticFieldParams, magnitudes_of
+from pdrbench_lab.magnetic.level_field import level_field_ut
 
 KEPT_S: Final = 3.0  # of samples, for seconds that are reported late
 MIN_SAMPLES: Final = 5

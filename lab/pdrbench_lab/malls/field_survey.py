@@ -12,10 +12,10 @@ import numpy as np
 
 from pdrbench.files import bytes_sha256
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.inertial import level_field_ut
 from pdrbench.io.log import Log
 from pdrbench.recording import MagneticMap
 from pdrbench_envs.malls.surveys import level_of, log_once, parsed_once
+from pdrbench_lab.magnetic.level_field import level_field_ut
 
 EVERY_S: Final = 0.4  # over which samples are averaged: half a metre
 MIN_SAMPLES: Final = 10  # of the 20 in that time
