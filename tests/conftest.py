@@ -15,10 +15,8 @@ import subprocess
 import sys
 import tempfile
 import time
-import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,9 +33,6 @@ from pdrbench_sim.buildings.office import make_office
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
 
-DAYS = 60  # in which every long test runs once
-SLOW_DAYS = 3  # likewise the other slow ones
-LONG_S = 20.0  # what a long test takes that states no time
 PR_SET_CHILD_SUBREAPER = 36
 GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around
 TIMEOUT_S: Final = 30.0
@@ -146,61 +141,12 @@ class Orphans:
         return False
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    text = (
-        f"of the long tests one part only: K/N, or auto for today's of {DAYS}, so that each runs once in {DAYS} days; "
-        f"of the other slow ones that of one of {SLOW_DAYS} days"
-    )
-    parser.addoption("--long-shard", metavar="K/N", help=text)
-
-
 @pytest.hookimpl(tryfirst=True)
-def pytest_configure(config: pytest.Config) -> None:
-    """Resolves `auto` once, before workers get the options: a day may end while they start."""
-    if config.option.long_shard == "auto":
-        config.option.long_shard = f"{datetime.now(UTC).toordinal() % DAYS + 1}/{DAYS}"
-
-
-def shard_of(seconds: Mapping[str, float], number: int, count: int) -> set[str]:
-    """Names in shard 1 to `count`: from the longest on, each goes to the shard with the least to do so far."""
-    shards: list[set[str]] = [set() for _ in range(count)]
-    sums_s = [0.0] * count
-    for name in sorted(seconds, key=lambda name: (-seconds[name], name)):
-        least = sums_s.index(min(sums_s))
-        shards[least].add(name)
-        sums_s[least] += seconds[name]
-    return shards[number - 1]
-
-
-def has_its_day(name: str, number: int) -> bool:
-    """Whether a slow test runs with a shard: with one of every `SLOW_DAYS` that follow each other."""
-    return (zlib.crc32(name.encode()) + number) % SLOW_DAYS == 0
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """A long test is slow as well, so that `-m "not slow"` leaves it out; `--long-shard` leaves out other shards.
-
-    Tests of confinement skip where there is none.
-    """
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of confinement skip where there is none."""
     for item in items:
         if sys.platform != "linux" and item.get_closest_marker("confinement"):
             item.add_marker(pytest.mark.skip(reason="localizers are confined on Linux only"))
-    long = {item.nodeid: mark for item in items if (mark := item.get_closest_marker("long"))}
-    slow = {item.nodeid for item in items if item.get_closest_marker("slow")} - long.keys()
-    for item in items:
-        if item.nodeid in long:
-            item.add_marker(pytest.mark.slow)
-    if (shard := config.option.long_shard) is None:
-        return
-    found = re.fullmatch(r"(\d+)/(\d+)", shard)
-    if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise pytest.UsageError(f"--long-shard is auto or K/N with K from 1 to N, got {shard!r}")
-    seconds = {name: float(mark.kwargs.get("seconds", LONG_S)) for name, mark in long.items()}
-    others = long.keys() - shard_of(seconds, int(found[1]), int(found[2]))
-    others |= {name for name in slow if not has_its_day(name, int(found[1]))}
-    config.hook.pytest_deselected(items=[item for item in items if item.nodeid in others])
-    items[:] = [item for item in items if item.nodeid not in others]
 
 
 @pytest.fixture(scope="session")

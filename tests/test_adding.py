@@ -8,15 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import textwrap
-from importlib import import_module
 from pathlib import Path
-from typing import Any
-
-import pytest
 
 # By kind: entry-point group, id, attribute, and content of the file.
 FILES = {
@@ -181,33 +176,11 @@ def add_from_outside(folder: Path) -> None:
     (info / "entry_points.txt").write_text("".join(points))
 
 
-def add_from_inside(folder: Path) -> None:
-    """A copy of the product with one file and one line more for each kind."""
-    for package in ("pdrbench", "pdrbench_sim", "pdrbench_envs", "pdrbench_baselines"):
-        source = Path(str(import_module(package).__file__)).parent
-        shutil.copytree(source, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for kind, (_, name, attribute, content) in FILES.items():
-        room, table = INSIDE[kind]
-        home = folder.joinpath(*room.split("."))
-        (home / "tiny.py").write_text(textwrap.dedent(content))
-        line = f'    "{name}": "{room}.tiny:{attribute}",\n'
-        if kind == "metric":
-            home = home / "table.py"
-            line = f'    Metric("{name}", "m", "lower", "position", "Always 4.25 m.", "{room}.tiny:{name}"),\n'
-        else:
-            home = home / "__init__.py"
-        before, opening, after = home.read_text().partition(f"\n{table}")
-        head, newline, rest = after.partition("\n")
-        home.write_text(before + opening + head + newline + line + rest)
-
-
-@pytest.mark.parametrize("add", [add_from_outside, pytest.param(add_from_inside, marks=pytest.mark.long(seconds=10))])
-@pytest.mark.slow
-def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None:
+def test_additions_are_listed_checked_and_used(tmp_path: Path) -> None:
     site, work = tmp_path / "site", tmp_path / "work"
     site.mkdir()
     work.mkdir()
-    add(site)
+    add_from_outside(site)
     (work / "log.txt").write_text("tiny log\n0.0 20.5\n1.0 21.5\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])}
     done = subprocess.run(
@@ -222,7 +195,7 @@ def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None
         "localizers": "tiny-v0", "metrics": "tiny_m", "sensors": "thermometer", "formats": "tiny",
     }.items():  # fmt: skip
         (item,) = [item for item in found[f"list {kind} --json"]["items"] if item["id"] == name]
-        assert item["broken"] is None and item["package"] == ("tiny" if add is add_from_outside else "pdrbench")
+        assert item["broken"] is None and item["package"] == "tiny"
     checks = (
         found["check env Tiny-v0 --json"]["checks"] + found["check localizer tiny-v0 --env Tiny-v0 --json"]["checks"]
     )

@@ -9,8 +9,6 @@ import sys
 import textwrap
 from pathlib import Path
 
-import pytest
-
 from pdrbench.evaluation import evaluate
 
 WITHOUT_POSIX = Path(__file__).parent / "without_posix"
@@ -48,7 +46,6 @@ def pdrbench_command(*arguments: object, folder: Path, **variables: str) -> subp
     return done
 
 
-@pytest.mark.slow
 def test_every_module_is_imported(tmp_path: Path) -> None:
     code = """
         import importlib, pathlib, sys
@@ -64,7 +61,6 @@ def test_every_module_is_imported(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
-@pytest.mark.slow
 def test_a_walk_is_the_same_and_says_what_is_missing(tmp_path: Path) -> None:
     code = """
         import json
@@ -141,22 +137,3 @@ def test_without_numba_one_sentence_says_what_to_do(tmp_path: Path) -> None:
     assert done.stderr.splitlines() == [
         "pdrbench: numba, which compiles what most localizers and simulators call, is missing: pip install numba"
     ]
-
-
-@pytest.mark.long(seconds=90)
-@pytest.mark.timeout(900)
-def test_the_commands_of_a_newcomer(tmp_path: Path) -> None:
-    named = ["--localizer", "dead_reckoning", "--localizer", "woodman2008"]
-    table = pdrbench_command("compare", "--env", "OfficeStride-v2", "--walks", 2, *named, folder=tmp_path)
-    assert "woodman2008" in table.stdout
-    assert list((tmp_path / "pdrbench-results").glob("*.md"))
-    checked = pdrbench_command("check", "localizer", "dead_reckoning", folder=tmp_path)
-    assert "10 of 10 checks passed" in checked.stdout
-    board = tmp_path / "leaderboards"
-    pack = ["submit", "pack", "stay", "--suite", "small-v0", "--env", "BuildingSite-v1", "--into", board]
-    packed = run(SMALL_SUITE, *pack, folder=tmp_path)
-    assert packed.returncode == 0, packed.stderr
-    built = run(SMALL_SUITE, "leaderboard", "build", "--root", board, "--out", tmp_path / "site", folder=tmp_path)
-    assert built.returncode == 0, built.stderr
-    assert "stay" in (board / "BuildingSite-v1" / "TABLE.md").read_text(encoding="utf-8")
-    assert (tmp_path / "site" / "index.html").exists()

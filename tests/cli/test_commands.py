@@ -65,7 +65,6 @@ def place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, place: Path) -> None:
     arguments = ["--env", "OfficeStride-v2", "--walks", 2, "--localizer", "stay", "--localizer", "mine.py:Mine"]
     outcome = command("compare", *arguments, "--json")
@@ -110,7 +109,6 @@ def test_a_localizer_that_lacks_a_sensor_is_reported_as_unsuitable(command: Any)
     assert outcome.code == 1 and "wifi_knn does not suit OfficeStride-v2: needs " in outcome.err
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("env", "OfficeStride-v2"), ("localizer", "stay")])
 def test_check_passes_our_own_localizers(arguments: tuple[str, str], command: Any) -> None:
     outcome = command("check", *arguments, "--json")
@@ -195,7 +193,6 @@ def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> 
 
 
 @pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
-@pytest.mark.slow
 def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], command: Any, place: Path) -> None:
     (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
     outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v2"] if what == ["run"] else []))
@@ -212,7 +209,6 @@ def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pyt
 
 
 @pytest.mark.data
-@pytest.mark.slow
 def test_recorded_walks_are_compared_where_they_are_found(
     data_root: Path, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

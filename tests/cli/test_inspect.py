@@ -81,7 +81,6 @@ def test_a_map_lists_its_levels_and_stays_the_same(command: Any, walk: pdrbench.
     assert sum(row["area_m2"] for row in printed["levels"]) == pytest.approx(walk.building.area_m2)
 
 
-@pytest.mark.slow
 def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tmp_path: Path) -> None:
     evaluate("dead_reckoning", "OfficeStride-v2", split="val", walks=1, out=tmp_path / "out")
     (stored,) = (tmp_path / "out").glob(f"*{store.SUFFIX}")

@@ -112,7 +112,7 @@ def heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-@pytest.mark.parametrize("reaches_children", [True, pytest.param(False, marks=pytest.mark.long(seconds=6))])
+@pytest.mark.parametrize("reaches_children", [True, False])
 def test_a_signal_in_the_middle_of_a_walk_does_the_same(reaches_children: bool, tmp_path: Path) -> None:
     begun = tmp_path / "begun"
     (tmp_path / "slow.py").write_text(SLOW.replace("BEGUN", repr(str(begun))))

@@ -15,9 +15,7 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize(
-    "env", [pytest.param(name, marks=pytest.mark.long(seconds=8)) for name in ("WestportPhone-v1", "WestportFoot-v2")]
-)
+@pytest.mark.parametrize("env", ["WestportPhone-v1", "WestportFoot-v2"])
 def test_walks_change_levels_of_a_building_that_can_be_walked_from_end_to_end(env: str) -> None:
     task = make_task(env)
     recordings = [task.load(walk) for walk in task.walks["val"][:2]]

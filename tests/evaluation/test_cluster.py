@@ -63,7 +63,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.long
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     localizer: Callable[[str], str], plugin_root: Path, tmp_path: Path, orphans: Any
 ) -> None:

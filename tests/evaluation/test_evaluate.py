@@ -266,15 +266,12 @@ def test_only_the_walks_played_are_loaded(tmp_path: Path, monkeypatch: pytest.Mo
     assert set(results.walks()["walk"]) == {"test-000", "test-001"}
     loaded = [line.split()[0] for line in loads.read_text().splitlines()]
     assert Counter(loaded) == {"test-000": 2, "test-001": 2}  # for the walk and the score
-    assert (
-        evaluate("stay", "CorridorUnpinned-v0", walks=2, out=tmp_path / "out", seeds=1).results[0].status == COMPLETE
-    )
+    assert evaluate("stay", "CorridorUnpinned-v0", walks=2, out=tmp_path / "out", seeds=1).results[0].status == COMPLETE
     other = dataclasses.replace(results.results[0], provenance={"files_sha256": "0" * 64})
     with pytest.raises(ResultError, match="files with the digest 000000000000, the present one"):
         score(other)
 
 
-@pytest.mark.slow
 def test_a_localizer_whose_source_changed_is_run_again_in_new_processes(tmp_path: Path, localizer: Spec) -> None:
     file = tmp_path / "mine.py"
     original = Path(localizer("").removesuffix(":")).read_text()
@@ -302,7 +299,6 @@ def test_torn_results_are_computed_again_with_a_notice(localizer: Spec, tmp_path
     assert answers(after) == answers(before) == answers(load_results(tmp_path))
 
 
-@pytest.mark.slow
 def test_a_write_that_fails_in_a_worker_is_an_error(localizer: Spec, tmp_path: Path) -> None:
     """The kernel cuts a real write short: no file may exceed 4096 bytes."""
     script = (

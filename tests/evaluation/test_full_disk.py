@@ -84,13 +84,8 @@ def namespace_missing() -> str:
 IN_NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
 
 
-@pytest.mark.parametrize(
-    ("rounds", "jobs"),
-    [pytest.param(1, 1, id="once"), pytest.param(5, 2, id="often", marks=[pytest.mark.long, pytest.mark.timeout(900)])],
-)
-@pytest.mark.slow
 def test_a_full_disk_loses_and_tears_nothing(
-    rounds: int, jobs: int, localizer: Callable[[str], str], plugin_root: Path, tmp_path: Path
+    localizer: Callable[[str], str], plugin_root: Path, tmp_path: Path
 ) -> None:
     """Space runs out after a random number of bytes; then it is freed, and the same sweep continues."""
     missing = namespace_missing()
@@ -104,9 +99,9 @@ def test_a_full_disk_loses_and_tears_nothing(
         "loads": str(loads),
         "localizer": localizer("Good"),
         "walks": WALKS,
-        "rounds": rounds,
-        "jobs": jobs,
-        "seed": 9 + rounds,
+        "rounds": 1,
+        "jobs": 1,
+        "seed": 10,
     }
     script = f'mount -t tmpfs -o size={DISK_BYTES} none "{out}" && exec "$0" -c "$1" "$2"'
     ended = subprocess.run(
@@ -119,7 +114,7 @@ def test_a_full_disk_loses_and_tears_nothing(
     )
     assert ended.returncode == 0, ended.stderr[-3000:]
     seen = json.loads(ended.stdout.splitlines()[-1])
-    assert sum(bool(sweep["error"]) for sweep in seen) >= rounds, "fewer pages are free than there are walks"
+    assert sum(bool(sweep["error"]) for sweep in seen) >= 1, "fewer pages are free than there are walks"
     for sweep in seen:
         assert sweep["same"] and sweep["readable"], "what is stored stays as it is, and is whole"
         assert sweep["again"] == [], "nothing that is stored is computed again"

@@ -50,7 +50,6 @@ def test_every_form_of_the_same_arrays_gives_the_same_bytes() -> None:
         assert again.trajectory.tobytes() == plain.trajectory.tobytes()
 
 
-@pytest.mark.slow
 def test_a_recording_is_answered_as_in_its_environment() -> None:
     task = pdrbench.make_task("OfficePhone-v1")
     recording = task.load(task.split("train")[0])

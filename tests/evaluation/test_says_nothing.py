@@ -179,10 +179,3 @@ def test_the_same_classifier_finds_what_names_and_seeds_tell(
     leak: Callable[[Case], Handed], label: Callable[[Case], str]
 ) -> None:
     assert surplus(QUICK, leak, label, 6) > 0
-
-
-@pytest.mark.timeout(900)
-@pytest.mark.long(seconds=300)
-def test_no_generated_environment_tells_its_splits() -> None:
-    for label in (split, half):  # of the same walks, which take the time
-        assert surplus(ALL, nothing, label) <= 0, label.__name__

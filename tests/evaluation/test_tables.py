@@ -243,10 +243,9 @@ def load_reference() -> np.ndarray:
     return make_task("Corridor-v0").load("test-000").reference.xy_m
 
 
-@pytest.mark.long(seconds=8)
 def test_scores_are_the_same_in_processes(localizer: Spec, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scoring, "SPREAD_S", 0.0)
-    results = evaluate(localizer("Noisy"), "Corridor-v0", walks=9, jobs=2, seeds=1)
+    results = evaluate(localizer("Noisy"), "Corridor-v0", walks=3, jobs=2, seeds=1)
     alone = Results(results.results, jobs=1)
     assert results.walks().equals(alone.walks())
 

@@ -148,14 +148,6 @@ def test_no_particle_leaves_the_floor(office: Building, rng: np.random.Generator
     check_no_leaks(turned(office, angle_rad), rng, steps=5, count=200_000)
 
 
-@pytest.mark.long(seconds=12)
-@pytest.mark.parametrize("angle_rad", [0.0, 0.7])
-def test_no_particle_leaves_the_floor_in_fifty_million_steps(
-    office: Building, rng: np.random.Generator, angle_rad: float
-) -> None:
-    check_no_leaks(turned(office, angle_rad), rng, steps=100, count=500_000)
-
-
 def test_a_stride_over_many_treads(rng: np.random.Generator) -> None:
     """Ten treads of 0.3 m in one stride of 2.9 m: the last is reached, and the weight is that of its height."""
     treads = tuple(

@@ -22,7 +22,6 @@ from .conftest import SECRET, card_named
 from .test_submit_commands import call, call_json
 from .test_verify import tampered
 
-pytestmark = pytest.mark.slow
 END_S = 10.0
 START_S = 60.0  # for interpreters that import Dask, on a busy machine
 

@@ -40,7 +40,6 @@ def test_everything_is_written_and_can_be_opened(results: Any, tmp_path: Path) -
             assert imread(path).std() > 0.01
 
 
-@pytest.mark.slow
 def test_same_results_give_the_same_files(results: Any, tmp_path: Path) -> None:
     few = type(results)(results.results[:1])
     one, other = (write_report(few, tmp_path / name) for name in "ab")
@@ -48,7 +47,6 @@ def test_same_results_give_the_same_files(results: Any, tmp_path: Path) -> None:
         assert first.read_bytes() == second.read_bytes(), first.name
 
 
-@pytest.mark.slow
 def test_a_report_of_the_same_results_is_not_drawn_again(
     results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -74,7 +72,6 @@ def test_only_declined_results_leave_the_tables(results: Any, tmp_path: Path) ->
     assert len(write_report(declined, tmp_path)) == 4
 
 
-@pytest.mark.slow
 def test_pictures_mark_localizers_that_saw_the_whole_walk(
     results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -132,7 +129,6 @@ def test_estimates_far_away_do_not_widen_the_picture_and_are_counted(corridor: S
     assert "far 100 %" in figure.get_suptitle()
 
 
-@pytest.mark.slow
 def test_options_reach_the_figures(results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, tuple[Any, str]] = {}
     save = folder_module._save

@@ -216,7 +216,6 @@ def posterior(kind: type, office: Building, seed: int) -> FloatArray:
     return np.array([*mean, *spread, alive, weight @ cloud.heading_rad, particles.num_particles])
 
 
-@pytest.mark.slow
 def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> None:
     """Posterior means over 300 runs each agree to within four standard errors; the systematic draw spreads no more.
 
@@ -256,7 +255,6 @@ def _hash(threads: int) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.slow
 def test_same_bytes_whatever_the_number_of_threads() -> None:
     digests = {_hash(threads) for threads in (1, 2, 3)}
     assert len(digests) == 1

@@ -309,7 +309,6 @@ def test_missing_numbers_are_marked(browser: Any, site: Path) -> None:
     browser.open(site / "index.html")  # leaves the complaint of the browser behind
 
 
-@pytest.mark.slow
 def test_a_thousand_entries_are_painted_within_a_second(
     browser: Any, world: Any, make_many: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -462,7 +462,6 @@ def test_recorded_walks_equal_the_slow_twin(data_root: Path) -> None:
 
 
 @pytest.mark.data
-@pytest.mark.slow
 def test_every_recorded_walk_reads_without_loss(data_root: Path) -> None:
     """Figures of the set's own description: 46 % of WiFi rows repeat an older sighting, staleness has median 3.5 s."""
     walks = sorted((data_root / "ilc20").glob("*/*/*/*.txt.gz"))
