@@ -78,14 +78,6 @@ def test_samples_of_one_level_and_same_generator_same_bytes(house: Building) -> 
         house.sample_uniform(np.random.default_rng(5), 1, level=7)
 
 
-def test_centre_is_walkable(house: Building) -> None:
-    start = house.centre()
-    assert house.contains([start.xy_m], start.level).all()
-    ring = Building("ring", (FloorPolygon("r", [[0, 0], [9, 0], [9, 9], [0, 9]], [WALL] * 8, 0, 0,
-                                          holes=([[1, 1], [1, 8], [8, 8], [8, 1]],)),))  # fmt: skip
-    assert ring.contains([ring.centre().xy_m], 0).all()
-
-
 def test_walkable_is_the_union_of_a_level(house: Building) -> None:
     assert house.walkable(0).area == pytest.approx(75 + 36 + 2 * 0.29 * 6)
 
@@ -169,19 +161,6 @@ def second(neighbour: list[int], outline: list[list[float]] = NEXT) -> FloorPoly
 def test_a_bad_building_names_polygon_and_edge(make: object, message: str) -> None:
     with pytest.raises(MapError, match=message):
         make()  # type: ignore[operator]
-
-
-def test_connected_polygons_may_lie_at_different_heights() -> None:
-    stairs = build(polygon(neighbour=[WALL, 1, WALL, WALL]), second([WALL, WALL, WALL, 0]))
-    assert stairs.area_m2 == 2
-
-
-def test_a_million_vertices_are_checked_in_seconds() -> None:
-    angle = np.linspace(0, 2 * np.pi, 1_000_000, endpoint=False)
-    circle = 100 * np.column_stack([np.cos(angle), np.sin(angle)])
-    building = build(polygon(outline_xy_m=circle, neighbour=np.full(len(circle), WALL)))
-    assert building.area_m2 == pytest.approx(np.pi * 1e4, rel=1e-8)  # the rounding of a million terms
-    assert building.contains([[0, 0], [0, 100.1]], 0).tolist() == [True, False]
 
 
 def test_triangles_cover_every_polygon_exactly(house: Building) -> None:

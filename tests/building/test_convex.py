@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building, FloorPolygon, FloorRegion
-from pdrbench.building.convex import ConvexMap, compile_map
+from pdrbench.building.convex import compile_map
 from pdrbench.geometry import FloatArray
 
 
@@ -51,13 +51,6 @@ def test_rectangles_stay_whole(house: Building) -> None:
     is_rectangle = np.array([len(p.neighbour) == 4 for p in house.polygons])
     assert (cells[is_rectangle] == 1).all()
     assert cells[0] > 1  # the hall has a reflex corner and a hole
-
-
-def test_corners_of_a_cell_are_on_its_boundary(house: Building) -> None:
-    convex = compile_map(turned(house, 0.4))
-    cell = np.repeat(np.arange(len(convex)), np.diff(convex.first_corner))
-    outside_m = convex.outside_m(cell, convex.corner_xy_m.astype(np.float32))
-    assert np.abs(outside_m).max() < convex.tolerance_m
 
 
 def test_boxes_lie_inside(house: Building) -> None:
@@ -105,14 +98,3 @@ def test_a_region_is_cut_along_the_cells(house: Building) -> None:
     assert (np.diff(cell) >= 0).all()
     # the triangle of 8 m2 less the part of the pillar [2, 3] x [2, 3] under its diagonal
     assert area_m2(corners.astype(np.float64)).sum() == pytest.approx(8.0 - 0.5, abs=1e-4)
-
-
-def test_an_empty_region_has_no_triangles(house: Building) -> None:
-    corners, cell = compile_map(house).cells_of(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
-    assert corners.shape == (0, 3, 2)
-    assert len(cell) == 0
-
-
-def test_compiled_once(house: Building) -> None:
-    assert isinstance(compile_map(house), ConvexMap)
-    assert compile_map(house) is compile_map(house)

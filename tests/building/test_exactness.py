@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from fractions import Fraction
 
 import numpy as np
@@ -113,24 +112,6 @@ def test_a_segment_that_is_not_finite_is_not_alive(lost: float) -> None:
     inside = [[0.5, 0.5]]
     assert not room.move([0], inside, [[lost, 0.5]])[1].any()
     assert not room.move([0], [[0.5, lost]], inside)[1].any()
-
-
-def test_the_edge_that_leads_back_is_known(house: Building) -> None:
-    joined = np.flatnonzero(house.edge_twin >= 0)
-    twin = house.edge_twin[joined]
-    assert np.array_equal(house.edge_neighbour >= 0, house.edge_twin >= 0)
-    assert np.array_equal(house.edge_twin[twin], joined)
-    assert np.array_equal(house.edge_start_xy_m[joined], house.edge_end_xy_m[twin])
-
-
-def test_pieces_are_equal_by_content_and_stay_read_only(house: Building) -> None:
-    again = copy.deepcopy(house)
-    assert again.polygons == house.polygons and again.zones == house.zones
-    assert {*again.polygons} == {*house.polygons}
-    assert not again.polygons[0].outline_xy_m.flags.writeable and not again.zones[0].outline_xy_m.flags.writeable
-    assert house.polygons[0] != house.polygons[1] and house.polygons[0] != 3
-    minus_zero = FloorPolygon("a", SQUARE, [WALL] * 4, -0.0, 0)
-    assert minus_zero != FloorPolygon("a", SQUARE, [WALL] * 4, 0.0, 0), "a round trip keeps the bits"
 
 
 def test_the_centre_keeps_off_the_walls_and_claims_no_survey() -> None:

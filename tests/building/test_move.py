@@ -62,19 +62,6 @@ def test_an_alive_point_is_in_the_polygon_it_reached(house: Building, rng: np.ra
     assert (reached[~alive] == polygon[~alive]).all()
 
 
-def test_a_straight_line_that_crosses_nothing_is_alive_exactly_when_shapely_says_so(
-    house: Building, rng: np.random.Generator
-) -> None:
-    import shapely
-
-    polygon, start, end = random_steps(house, rng, 5000, 4.0)
-    hall = polygon == 0
-    lines = shapely.linestrings(np.stack([start[hall], end[hall]], axis=1))
-    inside = shapely.covers(shapely.Polygon(house.polygons[0].outline_xy_m, house.polygons[0].holes), lines)
-    reached, alive = house.move(polygon[hall], start[hall], end[hall])
-    assert np.array_equal(inside, alive & (reached == 0))
-
-
 def test_one_stride_climbs_many_treads(house: Building) -> None:
     reached, alive = house.move([1], [[15, 5.9]], [[15, 9.6]])
     assert alive.all() and house.polygons[reached[0]].id == "gallery"
@@ -94,18 +81,6 @@ def test_a_step_that_hits_a_door_jamb_is_not_alive(house: Building, jamb_m: floa
         aim = np.array([10.0, jamb_m])
         _, alive = house.move([0], [start], [aim + (aim - start)])
         assert not alive.any()
-
-
-def test_steps_at_every_vertex_never_leave_the_floor(house: Building, rng: np.random.Generator) -> None:
-    vertices = np.concatenate([ring for p in house.polygons for ring in p.rings])
-    polygon, start = house.sample_uniform(rng, 5000)
-    aim = vertices[rng.integers(0, len(vertices), 5000)]
-    end = start + (aim - start) * rng.choice([1.0, 1.5, 3.0], (5000, 1))
-    reached, alive = house.move(polygon, start, end)
-    import shapely
-
-    shapes = np.array([shapely.Polygon(p.outline_xy_m, p.holes).buffer(1e-7) for p in house.polygons])
-    assert shapely.covers(shapes[reached[alive]], shapely.points(end[alive])).all()
 
 
 def test_walking_along_a_wall_and_standing_still_are_allowed(house: Building) -> None:

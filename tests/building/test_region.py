@@ -50,13 +50,6 @@ def test_contains_asks_for_the_polygon_and_counts_the_boundary(region: FloorRegi
     assert not region.contains(5, places).any()
 
 
-def test_the_building_draws_from_its_region(house: Building):
-    ours = house.sample_uniform(np.random.default_rng(4), 100)
-    same = FloorRegion.whole(house).sample(np.random.default_rng(4), 100)
-    np.testing.assert_array_equal(ours[0], same[0])
-    np.testing.assert_array_equal(ours[1], same[1])
-
-
 def test_an_empty_region_contains_nothing_and_says_so_when_drawn_from(house: Building, rng: np.random.Generator):
     whole = FloorRegion.whole(house)
     empty = whole.restricted(np.zeros(len(whole), dtype=bool))
@@ -64,12 +57,3 @@ def test_an_empty_region_contains_nothing_and_says_so_when_drawn_from(house: Bui
     assert not empty.contains(0, [[1.0, 1.0]]).any()
     with pytest.raises(MapError, match="no place to draw from"):
         empty.sample(rng, 1)
-
-
-def test_bad_input_is_refused(region: FloorRegion):
-    with pytest.raises(MapError, match=r"\(T, 3, 2\)"):
-        FloorRegion(np.zeros((2, 4, 2)), np.zeros(2, dtype=int))
-    with pytest.raises(MapError, match="finite"):
-        FloorRegion(np.full((1, 3, 2), np.inf), np.zeros(1, dtype=int))
-    with pytest.raises(MapError, match="3 booleans"):
-        region.restricted([0, 1, 2])

@@ -63,18 +63,6 @@ def test_a_bomb_is_refused_wherever_it_lies(ending: str, tmp_path: Path, monkeyp
         assert container.read("Accelerometer.csv", 4) == b"0000"
 
 
-def test_a_file_beside_what_it_was_compressed_to_is_itself(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_bytes(b"plain")
-    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"packed"))
-    (tmp_path / "b.csv.xz").write_bytes(lzma.compress(b"other"))
-    container = open_container(tmp_path)
-    assert {name: container.read(name) for name in container.names()} == {
-        "a.csv": b"plain",
-        "a.csv.gz": b"packed",
-        "b.csv": b"other",
-    }
-
-
 def test_a_packed_folder_and_a_packed_bag_are_to_be_unpacked(short_walk: Rows, tmp_path: Path) -> None:
     with tarfile.open(tmp_path / "walk.tar.gz", "w:gz") as archive:
         content = samples.text_of("t,ax,ay,az,gx,gy,gz", np.zeros((50, 7)))

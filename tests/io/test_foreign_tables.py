@@ -105,21 +105,6 @@ def test_a_device_on_its_face_may_have_the_sign_of_an_iphone(phone_walk: Rows, t
     assert (found.severity, '"-ax", "-ay", "-az"' in found.remedy) == ("warning", True)
 
 
-@pytest.mark.parametrize("name", ["phyphox", "sensor_logger"])
-def test_an_app_whose_phone_lay_on_its_face_may_have_the_sign_of_an_iphone(
-    phone_walk: Rows, tmp_path: Path, name: str
-) -> None:
-    turned = {**phone_walk, **{key: phone_walk[key] * [1, -1, -1, -1] for key in ("accel", "gravity")}}
-    if name == "phyphox":
-        path = samples.phyphox(tmp_path, turned)
-    else:
-        files = samples.sensor_logger(turned, apple=False)
-        del files["Orientation.csv"]
-        path = samples.zip_of(tmp_path / "a.zip", files)
-    assert detect(path) == name
-    assert [finding.code for finding in read(path).findings] == ["accel-sign"]
-
-
 @pytest.mark.parametrize("said", [b"android", b"ios"])
 def test_the_attitude_of_a_phone_says_which_sign_its_acceleration_has(
     phone_walk: Rows, tmp_path: Path, said: bytes
@@ -194,13 +179,6 @@ def test_tables_of_two_devices_are_refused(phone_walk: Rows, tmp_path: Path) -> 
         (tmp_path / name).write_text(text)
     with pytest.raises(RecordingError, match="both hold accel: two devices or two recordings"):
         read(tmp_path)
-
-
-def test_a_barometer_that_reads_nothing_yet_begins_later(phone_walk: Rows, tmp_path: Path) -> None:
-    baro = phone_walk["baro"] * np.where(phone_walk["baro"][:, :1] < 1.0, [1.0, 0.0], 1.0)
-    log = read(samples.sensorlog(tmp_path, {**phone_walk, "baro": baro}))
-    assert log.rows["baro"][0, 0] == pytest.approx(1.0)
-    assert log.rows["baro"][:, 1] == pytest.approx(1000.0, abs=0.2)
 
 
 @pytest.mark.parametrize(

@@ -320,24 +320,6 @@ def imdf_without_version(folder: Path) -> Path:
     return folder / "other.zip"
 
 
-def pale_picture(folder: Path) -> Path:
-    from PIL import Image
-
-    path = picture(folder)
-    grey = np.asarray(Image.open(path))
-    Image.fromarray(np.where(grey < 128, 170, 250).astype(np.uint8)).save(path)
-    return path
-
-
-def gif_picture(folder: Path) -> Path:
-    from PIL import Image
-
-    Image.open(picture(folder)).save(folder / "ground.gif")
-    table = folder / "ground.toml"
-    table.write_text(table.read_text().replace("ground.png", "ground.gif"))
-    return folder / "ground.gif"
-
-
 def nav2_map(folder: Path) -> Path:
     """As map_saver of ROS 2 writes it: its free_thresh lies above the value of unknown cells."""
     path = ros_map(folder)
@@ -360,8 +342,8 @@ def levels_with_a_point(features: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return features
 
 
-def geojson_of_osm(style: str, folder: Path) -> Path:
-    """What converters make of OpenStreetMap: tags in a member of their own, or behind many other features."""
+def geojson_of_osm(folder: Path) -> Path:
+    """What converters make of OpenStreetMap: tags in a member of their own."""
     elements = osm_elements(doors_have_levels=False)
     places = {one["id"]: [one["lon"], one["lat"]] for one in elements if one["type"] == "node"}
     features = []
@@ -369,14 +351,10 @@ def geojson_of_osm(style: str, folder: Path) -> Path:
         is_way = one["type"] == "way"
         coordinates = [[places[ref] for ref in one["nodes"]]] if is_way else places[one["id"]]
         geometry = {"type": "Polygon" if is_way else "Point", "coordinates": coordinates}
-        tags = {"tags": one["tags"]} if style == "nested" else one["tags"]
+        tags = {"tags": one["tags"]}
         features.append(
             {"type": "Feature", "id": f"{one['type']}/{one['id']}", "properties": tags, "geometry": geometry}
         )
-    if style == "late":
-        bench = {"type": "Point", "coordinates": places[1]}
-        tags = {"amenity": "bench", "description": "x" * 400}
-        features = [{"type": "Feature", "properties": tags, "geometry": bench}] * 200 + features
     return written(folder / "osm.geojson", {"type": "FeatureCollection", "features": features})
 
 
@@ -422,25 +400,19 @@ FOREIGN: dict[str, Callable[[Path], Path]] = {
     "drawing in xz": lambda p: written_bytes(p / "a.dxf.xz", lzma.compress(dxf(p).read_bytes())),
     "utf-16": lambda p: in_utf16(plain(house(), p / "a.geojson")),
     "osm in utf-16": lambda p: in_utf16(osm(p)),
-    "indoorgml in utf-16": lambda p: in_utf16(indoorgml(p)),
-    "utf-16 in gzip": lambda p: packed(in_utf16(plain(house(), p / "a.geojson"))),
     "doors as lines": lambda p: written_text(p / "a.osm", osm_xml(doors_as_lines(osm_elements()))),
     "overpass out body": lambda p: written(p / "a.json", overpass(osm_elements())),
     "overpass out geom": lambda p: written(p / "a.json", overpass(osm_elements(), with_geometry=True)),
-    "nested tags": lambda p: geojson_of_osm("nested", p),
-    "tags late in the file": lambda p: geojson_of_osm("late", p),
+    "nested tags": geojson_of_osm,
     "indoorgml 1.0": indoorgml,
     "indoorgml 1.1": lambda p: indoorgml(p, version="1.1"),
     "patches": lambda p: indoorgml(p, form="patches"),
     "shared faces": lambda p: indoorgml(p, form="shared"),
     "layers with umlauts": lambda p: dxf(p, ("Wände", "Türen")),
-    "layers in Chinese": lambda p: dxf(p, ("墙", "门")),
     "layer of a nested block": lambda p: dxf(p, in_block=True),
-    "pale walls": pale_picture,
-    "gif": gif_picture,
     "nav2": nav2_map,
 }
-NEED_SKIMAGE = {"pale walls", "gif", "nav2"}
+NEED_SKIMAGE = {"nav2"}
 
 
 def written_text(path: Path, text: str) -> Path:
@@ -567,14 +539,6 @@ def test_what_cannot_be_read_is_refused_with_file_and_remedy(tmp_path: Path, var
     with pytest.raises((MapError, RecordingError), match=re.escape(why)) as error:
         read_plan(path)
     assert path.name in str(error.value)
-
-
-def test_a_map_of_ros_is_turned_about_its_origin(tmp_path: Path) -> None:
-    pytest.importorskip("skimage")
-    path = ros_map(tmp_path)
-    path.write_text(path.read_text().replace("-2.5, 0.0]", f"-2.5, {np.pi / 2}]"))
-    # A quarter turn about (-3, -2.5) takes (x, y) to (-3 - (y + 2.5), -2.5 + (x + 3)).
-    assert read_plan(path).building.bounds_m() == pytest.approx((-7.5, -2.0, -3.5, 3.0), abs=0.06)
 
 
 def _without(member: str) -> Callable[[list[dict[str, Any]]], Any]:

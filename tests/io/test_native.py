@@ -86,23 +86,6 @@ def test_rows_stay_on_disk_and_cannot_be_changed(tmp_path: Path, rng: np.random.
         rows[0, 0] = 1.0
 
 
-def test_an_existing_folder_is_never_touched(tmp_path: Path, rng: np.random.Generator) -> None:
-    (tmp_path / "walk").mkdir()
-    with pytest.raises(RecordingError, match="exists; choose another"):
-        native.write(make(rng), tmp_path / "walk")
-    assert list((tmp_path / "walk").iterdir()) == []
-
-
-def test_values_that_json_cannot_hold_are_refused_and_leave_no_file(tmp_path: Path, rng: np.random.Generator) -> None:
-    recording = make(rng)
-    broken = Recording(
-        id="x", building=None, streams=recording.streams, reference=recording.reference, subject={"height_m": np.nan}
-    )
-    with pytest.raises(RecordingError, match="'height_m' is nan"):
-        native.write(broken, tmp_path / "walk")
-    assert list(tmp_path.iterdir()) == []
-
-
 def _cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-8])
 

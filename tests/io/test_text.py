@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.io import text
 from pdrbench.io.text import MAX_LINE_BYTES, read_text
 
 
@@ -71,11 +70,6 @@ def test_bad_input_names_file_line_and_remedy(tmp_path: Path, content: bytes, sa
     assert ";" in message  # what came; what to do
 
 
-def test_the_longest_line_is_accepted_wherever_it_lies(tmp_path: Path) -> None:
-    content = b"a\n" + b"x" * MAX_LINE_BYTES + b"\nb\n"
-    assert read_text(put(tmp_path, content)).content == content
-
-
 def test_missing_file_and_folder_are_reported(tmp_path: Path) -> None:
     for path in (tmp_path / "none.txt", tmp_path):
         with pytest.raises(RecordingError, match="cannot be read"):
@@ -88,20 +82,6 @@ def test_a_gigabyte_line_costs_no_memory(tmp_path: Path) -> None:
         stream.truncate(1 << 30)
     tracemalloc.start()
     with pytest.raises(RecordingError, match="line 1: longer than"):
-        read_text(path)
-    peak_bytes = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak_bytes < 32 << 20
-
-
-@pytest.mark.parametrize("compress", [gzip.compress, lambda text: lzma.compress(text, preset=0)])
-def test_a_bomb_stops_at_the_cap(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compress: Callable[[bytes], bytes]
-) -> None:
-    monkeypatch.setattr(text, "MAX_TEXT_BYTES", 8 << 20)
-    path = put(tmp_path, compress((b"0" * 63 + b"\n") * (1 << 20)))  # 64 MiB in 200 kB
-    tracemalloc.start()
-    with pytest.raises(RecordingError, match="more than 8 MiB"):
         read_text(path)
     peak_bytes = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.taskfile import as_toml, files, load, read_task_file, walks_of_file
 from pdrbench_formats.taskfile.pack import pack
-from pdrbench_formats.taskfile.places import PlanAlignment
 
 HALL = Building(
     "hall", (FloorPolygon("hall", np.array([[0.0, 0], [20, 0], [20, 8], [0, 8]]), np.full(4, WALL), 0.0, 0),)
@@ -402,12 +400,6 @@ def test_task_files_are_written_as_they_are_read(folder: Path) -> None:
     content = read_task_file(folder / "task.toml")
     (folder / "again.toml").write_text(as_toml(content))
     assert read_task_file(folder / "again.toml") == content
-
-
-def test_a_turned_building_keeps_lengths(office: Building) -> None:
-    turned = PlanAlignment(math.radians(30.0)).building(office)
-    assert turned.area_m2 == pytest.approx(office.area_m2)
-    assert dataclasses.replace(turned.polygons[0], outline_xy_m=office.polygons[0].outline_xy_m).level == 0
 
 
 @pytest.mark.parametrize("is_given", [True, False])
