@@ -12,7 +12,8 @@ import pytest
 import typer
 
 import pdrbench_formats
-from pdrbench.registry import environments, localizers
+from pdrbench.errors import PdrbenchError
+from pdrbench.registry import environments, localizers, make_localizer
 from pdrbench_formats.pages.formats import format_facts, formats_page
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,3 +137,18 @@ def test_choose_names_what_is_registered() -> None:
     ours = {name for name, entry in localizers().items() if entry.package == "pdrbench"}
     assert taken <= ours
     assert needs == ours - {"oracle"}
+
+
+def test_settings_in_documented_ids_exist() -> None:
+    """`id?field=value` in pages and in the changelog; of localizers of the product."""
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "README.md", ROOT / "CHANGELOG.md", *PAGES)]
+    named = {name for text in texts for name in re.findall(r"[`']([a-z_0-9]+\?[\w.]+=[\w.&=]+)[`']", text)}
+    wrong = []
+    for name in sorted(named):
+        if name.partition("?")[0] in localizers():
+            try:
+                make_localizer(name)
+            except PdrbenchError as error:
+                wrong.append(f"{name}: {error}")
+    assert len(named) > 5
+    assert wrong == []
