@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -152,3 +153,15 @@ def test_settings_in_documented_ids_exist() -> None:
                 wrong.append(f"{name}: {error}")
     assert len(named) > 5
     assert wrong == []
+
+
+def test_the_map_of_the_rooms_has_each_room_in_its_layer() -> None:
+    """As the linter of imports has them."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    core = next(one for one in settings["tool"]["importlinter"]["contracts"] if one.get("containers") == ["pdrbench"])
+    page = (ROOT / "docs" / "rooms.md").read_text(encoding="utf-8")
+    shown: list[set[str]] = []
+    for number, rooms in re.findall(r"^\| (\d*) ?\| ((?:`[\w./]+`(?:, )?)+) \|", page, flags=re.MULTILINE):
+        names = {name.removesuffix("/").removesuffix(".py") for name in re.findall(r"`([\w./]+)`", rooms)}
+        shown = [*shown, names] if number else [*shown[:-1], shown[-1] | names]
+    assert shown == [set(layer.split(" | ")) for layer in core["layers"]]
