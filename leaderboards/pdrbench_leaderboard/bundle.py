@@ -1,8 +1,7 @@
 """`.pdrz`: a submission as one file, a zip whose members are stored as they are.
 
-`manifest.json`, `card.toml`, `run.json`, `estimates/<env>/<walk>.s<seed>.bin`, and `source/<file>` where the localizer
-is one file. Names are in order and times fixed: the same submission is the same bytes, but for `run.json`. Nothing in
-the zip is compressed (estimates are, each on its own with its length), so that nothing can swell when read.
+`manifest.json`, `card.toml`, `estimates/<env>.bin`, and `source/<file>` where files travel with it. Nothing in the zip
+is compressed (estimates are, each walk on its own with its length), so that nothing can swell when read.
 """
 
 from __future__ import annotations
@@ -11,34 +10,25 @@ import hashlib
 import io
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import msgspec
 
 from pdrbench.errors import BundleError
-from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
-from pdrbench_leaderboard.entry import Entry, Submission, decode_walks, make_entry
-from pdrbench_leaderboard.manifest import (
-    MAX_TOTAL_ROWS,
-    EnvironmentRecord,
-    Manifest,
-    RunRecord,
-    WalkRecord,
-    check_version,
-)
+from pdrbench_leaderboard.entry import Entry, make_entry
+from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest, check_version
 from pdrbench_leaderboard.schema import read_json, write_json
 
 SUFFIX: Final = ".pdrz"
 MANIFEST_FILE: Final = "manifest.json"
-RUN_FILE: Final = "run.json"
 SOURCE: Final = "source/"
 ESTIMATES: Final = "estimates/"
 MAX_BUNDLE_BYTES: Final = 256_000_000
 MAX_MEMBERS: Final = 20_000
-MAX_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
+MAX_TEXT_BYTES: Final = 32_000_000  # of the manifest
 MAX_SOURCE_BYTES: Final = 64_000_000  # of a folder with its weights
 MAX_NAME_CHARACTERS: Final = 300
 MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}\Z")
@@ -55,45 +45,35 @@ class Bundle:
     """A submission."""
 
     manifest: Manifest  # what was run
-    run: RunRecord  # when, where and how long
     card: Card  # what its authors say of it
-    # Whole numbers of each walk, environment by environment, in the order of the manifest
-    estimates: tuple[coding.Whole, ...]
+    estimates: Mapping[str, bytes]  # by environment: of its walks, one block after the other
     source: Mapping[str, bytes]  # content by name of the files that travel with it
 
     @property
     def content_sha256(self) -> str:
-        """Digest of all but `run.json`: of the manifest, which holds those of everything else."""
+        """Digest of the manifest, which holds those of everything else."""
         return hashlib.sha256(write_json(self.manifest)).hexdigest()
 
-    def submission(self, record: EnvironmentRecord) -> Submission:
-        """What an entry says of one environment of this bundle."""
+    def entry(self, record: EnvironmentRecord) -> Entry:
+        """That of one environment; raises `BundleError` where parts do not belong together."""
         manifest = msgspec.structs.replace(self.manifest, environments=(record,), unsuitable={}, absent=())
-        run = msgspec.structs.replace(self.run, walks={record.env: self.run.walks.get(record.env, ())})
-        return Submission(manifest=manifest, run=run, content_sha256=self.content_sha256)
+        return make_entry(manifest, self.card, self.estimates.get(record.env, b""), record.env)
 
     def entries(self) -> list[Entry]:
-        """One for each environment; raises `BundleError` where parts do not belong together."""
-        found, begin = [], 0
-        for record in self.manifest.environments:
-            end = begin + len(record.walks)
-            found.append(make_entry(self.submission(record), self.card, self.estimates[begin:end], record.env))
-            begin = end
-        return found
+        """One for each environment; raises as `entry`."""
+        return [self.entry(record) for record in self.manifest.environments]
 
 
 def write_bundle(bundle: Bundle) -> bytes:
-    """The bytes of a bundle."""
-    members = {
-        MANIFEST_FILE: write_json(bundle.manifest),
-        CARD_FILE: card_toml(bundle.card),
-        RUN_FILE: write_json(bundle.run),
-    }
-    members |= {
-        name: coding.encode(whole) for (name, _), whole in zip(_listed(bundle.manifest), bundle.estimates, strict=True)
-    }
+    """The bytes of a bundle: the same for the same submission."""
+    members = {MANIFEST_FILE: write_json(bundle.manifest), CARD_FILE: card_toml(bundle.card)}
+    members |= {_member(record): bundle.estimates[record.env] for record in bundle.manifest.environments}
     members |= {SOURCE + name: content for name, content in sorted(bundle.source.items())}
     return write_members(members)
+
+
+def _member(record: EnvironmentRecord) -> str:
+    return f"{ESTIMATES}{record.env}.bin"
 
 
 def write_members(members: Mapping[str, bytes]) -> bytes:
@@ -107,13 +87,6 @@ def write_members(members: Mapping[str, bytes]) -> bytes:
     return archive.getvalue()
 
 
-def _listed(manifest: Manifest) -> Iterator[tuple[str, WalkRecord]]:
-    """The member of each walk, in order."""
-    for record in manifest.environments:
-        for walk in record.walks:
-            yield f"{ESTIMATES}{record.env}/{walk.walk}.s{walk.seed}.bin", walk
-
-
 def read_bundle(content: bytes) -> Bundle:
     """The bundle in the bytes of an untrusted file: nothing of it is executed, written or looked up.
 
@@ -121,14 +94,13 @@ def read_bundle(content: bytes) -> Bundle:
         BundleError: It is no bundle, was changed since it was packed, or is larger than one can be.
     """
     members = read_members(content)
-    for name in (MANIFEST_FILE, CARD_FILE, RUN_FILE):
+    for name in (MANIFEST_FILE, CARD_FILE):
         if name not in members:
             raise BundleError(f"the bundle lacks {name}; `pdrbench submit pack` writes it")
         if len(members[name]) > MAX_TEXT_BYTES:
             raise BundleError(f"{name} has {len(members[name])} bytes, {MAX_TEXT_BYTES} are allowed")
     check_version(members[MANIFEST_FILE], MANIFEST_FILE)
     manifest = read_json(members.pop(MANIFEST_FILE), Manifest, MANIFEST_FILE)
-    run = read_json(members.pop(RUN_FILE), RunRecord, RUN_FILE)
     text = members.pop(CARD_FILE)
     _check_digest(text, manifest.card_sha256, CARD_FILE)
     card = read_card(text)
@@ -139,16 +111,15 @@ def read_bundle(content: bytes) -> Bundle:
         if len(file) > MAX_SOURCE_BYTES:
             raise BundleError(f"{SOURCE}{name} has {len(file)} bytes, {MAX_SOURCE_BYTES} are allowed")
         _check_digest(file, manifest.source[name], SOURCE + name)
-    if sum(walk.rows for _, walk in _listed(manifest)) > MAX_TOTAL_ROWS:
-        raise BundleError(f"the manifest lists more than {MAX_TOTAL_ROWS} estimates")
-    estimates = []
-    for name, walk in _listed(manifest):
-        if name not in members:
-            raise BundleError(f"the bundle lacks {name}, or the manifest lists it twice")
-        estimates += decode_walks(members.pop(name), [walk], name)
+    estimates = {}
+    for record in manifest.environments:
+        if _member(record) not in members:
+            raise BundleError(f"the bundle lacks {_member(record)}, or the manifest lists it twice")
+        estimates[record.env] = members.pop(_member(record))
+        _check_digest(estimates[record.env], record.estimates_sha256, _member(record))
     if members:
         raise BundleError(f"the manifest does not list {min(members)}")
-    return Bundle(manifest=manifest, run=run, card=card, estimates=tuple(estimates), source=source)
+    return Bundle(manifest=manifest, card=card, estimates=estimates, source=source)
 
 
 def _check_digest(content: bytes, sha256: str, name: str) -> None:

@@ -15,12 +15,12 @@ import msgspec
 from pdrbench.errors import BundleError
 from pdrbench.localizer_folder import PACKAGES_MARK
 from pdrbench.registry import CARDS_FILE, localizers
-from pdrbench_leaderboard.schema import Line, Passage, Remark, read_toml
+from pdrbench.settings import join_name, split_name
+from pdrbench_leaderboard.schema import EntryName, Line, Passage, Remark, read_toml
 
 CARD_FILE: Final = "card.toml"
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
 
-Id = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}(\?[!-~]{1,200})?\Z")]
 Url = Annotated[str, msgspec.Meta(pattern=r"^(https?://[^\s<>\"']{1,300})?\Z")]
 
 
@@ -28,7 +28,7 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """What a table shows beside the scores.
 
     Attributes:
-        name: Id under which the leaderboards list it, such as "mine-v0".
+        name: Id under which the leaderboards list it, such as "mine".
         authors: Names.
         licence: SPDX expression or name of the licence of the code.
         sensors_used: Names of the sensors it reads where an environment offers them.
@@ -42,7 +42,7 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         notes: Anything else that a reader of the table should know.
     """
 
-    name: Id
+    name: EntryName
     authors: Annotated[tuple[Line, ...], msgspec.Meta(min_length=1, max_length=50)]
     licence: Line
     sensors_used: Annotated[tuple[Line, ...], msgspec.Meta(max_length=50)]
@@ -58,7 +58,7 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 # What each field has to be.
 FIELDS: Final = {
-    "name": 'lower-case letters, digits, "_" and "-", and a version, as in "mine-v0"',
+    "name": 'lower-case letters, digits, "_" and "-", as in "mine"',
     "authors": 'a list of names, as in ["A. Author"]',
     "licence": 'text in quotes, as in "MIT"',
     "sensors_used": 'a list of names of sensors, as in ["accel", "gyro"]; [] for none',
@@ -121,16 +121,18 @@ def card_of(localizer: str) -> Card:
     Raises:
         BundleError: The localizer is not registered or its package has no card of it.
     """
-    entry = localizers().get(localizer)
+    plain, settings = split_name(localizer)
+    entry = localizers().get(plain)
     if entry is None:
         raise BundleError(f"{localizer} needs a card: write one with `pdrbench submit card {localizer} > card.toml`")
     if entry.folder is None or not (path := entry.folder / CARDS_FILE).is_file():
         raise BundleError(f"{entry.package} has no {CARDS_FILE} in its package: name a card with --card")
     try:
         cards: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-        fields = cards.get(DEFAULTS, {}) | {"name": localizer} | cards[localizer]
+        fields = cards.get(DEFAULTS, {}) | {"name": plain} | cards[plain]
+        fields["name"] = join_name(fields["name"], settings)
     except KeyError:
-        raise BundleError(f"{path} has no table [{localizer}]") from None
+        raise BundleError(f"{path} has no table [{plain}]") from None
     except (ValueError, TypeError) as error:
         raise BundleError(f"{path}, [{localizer}]: {error}") from None
     return _card(fields, f"{path}, [{localizer}]")
@@ -140,13 +142,13 @@ def template(localizer: str) -> str:
     """A card to fill in, for `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`.
 
     >>> template("my_localizer.py:Mine").splitlines()[0]
-    'name = "mine-v0"  # under which the leaderboards list it'
+    'name = "mine"  # under which the leaderboards list it'
     >>> template("path/to/stridenet@packages").splitlines()[0]
-    'name = "stridenet-v0"  # under which the leaderboards list it'
+    'name = "stridenet"  # under which the leaderboards list it'
     """
     attribute = Path(localizer.rpartition(":")[2].partition(PACKAGES_MARK)[0]).name
     name = re.sub(r"[^a-z0-9_]+", "-", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", attribute).lower()).strip("-_")
-    return TEMPLATE.format(name=f"{name or 'mine'}-v0")
+    return TEMPLATE.format(name=name or "mine")
 
 
 TEMPLATE: Final = """\
@@ -165,7 +167,7 @@ notes = ""
 """
 
 EXAMPLE: Final = Card(
-    name="mine-v0",
+    name="mine",
     authors=("A. Author",),
     licence="MIT",
     sensors_used=("stride",),

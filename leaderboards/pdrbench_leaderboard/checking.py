@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,12 @@ from typing import Final
 import msgspec
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.evaluation.origin import localizer_target, package_sha256, target_sha256
 from pdrbench.evaluation.tables import Results
-from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers, make_task
+from pdrbench.registry import localizers, make_task
 from pdrbench.result import OFFLINE
 from pdrbench.sensors import SENSORS
+from pdrbench.settings import split_name
 from pdrbench.task import commitment
-from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
 from pdrbench_leaderboard.entry import MAX_FILE_BYTES, Entry, read_entry
 from pdrbench_leaderboard.folder_archive import folder_findings
@@ -29,9 +27,6 @@ from pdrbench_leaderboard.suites import Suite, find_suite
 from pdrbench_leaderboard.verification import HELD_OUT_FILE
 
 READS: Final = "reads, and every digest fits"
-CODE: Final = "code"  # flag of a submission that was packed with other code
-CORE: Final = "pdrbench"  # in place of a localizer
-MIN_FIGURES: Final = 6  # different ones in a digest: fewer come by chance once in 10^24 (C(16,5) (5/16)^64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +49,8 @@ def load_bundle(path: Path) -> Bundle:
 
 def bundle_of(entry: Entry) -> Bundle:
     """An entry as the bundle of one environment, without source."""
-    submission = entry.submission
-    estimates = tuple(coding.whole_numbers(result.estimates) for result in entry.sent)
-    manifest = msgspec.structs.replace(submission.manifest, source={})
-    return Bundle(manifest=manifest, run=submission.run, card=entry.card, estimates=estimates, source={})
+    manifest = msgspec.structs.replace(entry.manifest, source={})
+    return Bundle(manifest=manifest, card=entry.card, estimates={entry.env: entry.estimates}, source={})
 
 
 def check(path: Path) -> Checked:
@@ -91,19 +84,16 @@ def rules(entry: Entry) -> list[Finding]:
     Raises:
         UnknownNameError: There is no such suite, or the environment is none of it.
     """
-    suite, manifest, card = find_suite(entry.suite), entry.submission.manifest, entry.card
+    suite, manifest, card = find_suite(entry.suite), entry.manifest, entry.card
     is_honest = card.division == OFFLINE or entry.division != OFFLINE
-    remark = code_remark(manifest)
-    name, is_registered = manifest.localizer, manifest.spec in localizers()
+    name, is_registered = manifest.localizer, split_name(manifest.spec)[0] in localizers()
     findings = [
         Finding(READS, True),
         _walks(entry.record, manifest, suite),
         _period(entry.record),
-        _digests(manifest),
         Finding(f"{entry.env}: division", is_honest, f"{entry.division}, the card says {card.division}"),
-        Finding(CODE, not remark, remark, is_flag=True),
     ]
-    if name in localizers() and manifest.spec != name:
+    if split_name(name)[0] in localizers() and manifest.spec != name:
         findings.append(Finding("name", False, f"{name} is registered: choose another name in the card"))
     else:
         findings.append(Finding("name", True, f"no other distribution registers {name}"))
@@ -115,29 +105,6 @@ def rules(entry: Entry) -> list[Finding]:
     if unknown:
         findings.append(Finding("sensors of the card", False, f"no sensor is named {', '.join(unknown)}"))
     return findings
-
-
-def code_remark(manifest: Manifest) -> str:
-    """What code is another than that which was packed; empty where all of it is the same. Only estimates decide."""
-    has_source_here = not manifest.source and (":" in manifest.spec or manifest.spec in localizers())
-    others = [
-        what
-        for what, target, packed in (
-            (manifest.localizer, manifest.spec if has_source_here else "", manifest.localizer_sha256),
-            ("pdrbench", CORE, manifest.core_sha256),
-        )
-        if target and _code_sha256(target) != packed
-    ]
-    return f"the code of {' and of '.join(others)} is not the code that was packed" if others else ""
-
-
-@functools.cache
-def _code_sha256(spec: str) -> str:
-    """Digest of the code of a localizer or of the core; empty where it is not installed."""
-    try:
-        return package_sha256("pdrbench") if spec == CORE else target_sha256(localizer_target(spec))
-    except PdrbenchError:
-        return ""
 
 
 def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Checked:
@@ -169,7 +136,7 @@ def held_out_findings(entry: Entry, folder: Path) -> list[Finding]:
 
 def _coverage(manifest: Manifest, suite: Suite) -> Finding:
     named = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
-    reported = {current_id(ENVIRONMENTS_GROUP, env) for env in named}
+    reported = named
     wanted = {listed.env for listed in suite.environments}
     missing, strange = sorted(wanted - reported), sorted(reported - wanted)
     why = f"{len(wanted)} environments"
@@ -201,13 +168,6 @@ def _period(record: EnvironmentRecord) -> Finding:
     period_s = make_task(record.env).period_s
     why = f"{record.period_s:g} s between observations; the environment has {period_s:g} s"
     return Finding(f"{record.env}: period", record.period_s == period_s, "" if record.period_s == period_s else why)
-
-
-def _digests(manifest: Manifest) -> Finding:
-    """Digests of code are digests: a digest of zeros hides which code ran, and no code has one of few figures."""
-    names = ("core_sha256", "localizer_sha256")
-    wrong = [name for name in names if len(set(getattr(manifest, name))) < MIN_FIGURES]
-    return Finding("digests of code", not wrong, f"{' and '.join(wrong)} of no code" if wrong else "")
 
 
 def _scores(entry: Entry) -> Iterator[Finding]:

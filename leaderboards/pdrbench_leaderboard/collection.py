@@ -6,12 +6,13 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdrbench.errors import DatasetError, PdrbenchError, ResultError
+from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.evaluation.store import write_whole
 from pdrbench.registry import localizers
+from pdrbench.settings import split_name
 from pdrbench.task import commitment
 from pdrbench_leaderboard import table
-from pdrbench_leaderboard.checking import CODE, held_out_findings, rules
+from pdrbench_leaderboard.checking import held_out_findings, rules
 from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, read_sent, write_entry
 from pdrbench_leaderboard.pack import second_nonce
 from pdrbench_leaderboard.plausibility import Finding
@@ -38,7 +39,6 @@ def read_boards(
 
     Raises:
         PdrbenchError: An entry is damaged or was made on another version of its environment; names it.
-        ResultError: There is no entry.
     """
     boards, absent = [], {}
     for env, folders in _by_environment(root):
@@ -63,7 +63,6 @@ def write_tables(boards: Sequence[Board], root: Path) -> list[Path]:
 def check_boards(root: Path, jobs: int = 1) -> Iterator[Finding]:
     """Checks every entry and every table below a folder, one environment after the other.
 
-    A finding is a flag where the entry was packed with other code than the present one, which refuses nothing.
     An entry passes where it can be read, its digests hold, it keeps the rules of its suite, and every score that
     the table of its environment shows of it comes out of its estimates. What needs recorded data that is not found
     passes, and says that it was not scored.
@@ -73,7 +72,6 @@ def check_boards(root: Path, jobs: int = 1) -> Iterator[Finding]:
         jobs: Processes that compute the scores.
 
     Raises:
-        ResultError: There is no entry.
     """
     for env, folders in _by_environment(root):
         entries: list[Entry] = []
@@ -114,7 +112,6 @@ def verify_boards(
     Raises:
         OtherSecretError: A secret is of no suite in this round.
         UnknownKeyError: The key is not in `keys.toml`.
-        ResultError: There is no entry.
     """
     by_board = {board: secret for secret in secrets for board in boards_of(secret)}
     check_listed(key, root)
@@ -130,8 +127,8 @@ def verify_boards(
                 number += 1
                 yield Outcome(number, total, "/".join(folder.parts[-2:]), None, *found)
         while waiting:
-            batch = {entry.submission.manifest.spec: entry for entry in waiting if entry.suite == waiting[0].suite}
-            waiting = [entry for entry in waiting if batch.get(entry.submission.manifest.spec) is not entry]
+            batch = {entry.manifest.spec: entry for entry in waiting if entry.suite == waiting[0].suite}
+            waiting = [entry for entry in waiting if batch.get(entry.manifest.spec) is not entry]
             first = next(iter(batch.values()))
             secret = by_board[first.suite, first.env]
             nonce = second_nonce(results, first.env, commitment(secret))  # one for all, so that they run side by side
@@ -171,7 +168,7 @@ def _to_verify(folder: Path, secrets: Mapping[tuple[str, str], str]) -> Entry | 
     found = entry.verification and entry.verification.held_out
     if found and found.round == commitment(secrets[entry.suite, entry.env]):
         return "verified already", True
-    if entry.submission.manifest.spec not in localizers():
+    if split_name(entry.manifest.spec)[0] not in localizers():
         return "it is not registered here; verify the bundle that was sent, which holds its source", True
     return entry
 
@@ -191,7 +188,7 @@ def _check_entry(folder: Path, entries: list[Entry]) -> Finding:
     if broken is not None:
         return Finding(name, False, f"{broken.name}: {broken.why}")
     entries.append(entry)
-    return Finding(name, True, is_flag=CODE in failed)
+    return Finding(name, True)
 
 
 def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Finding:
@@ -232,8 +229,4 @@ def _by_environment(root: Path) -> Iterator[tuple[str, list[Path]]]:
     groups: dict[str, list[Path]] = {}
     for folder in list_entries(root):
         groups.setdefault(folder.parent.name, []).append(folder)
-    if not groups:
-        raise ResultError(
-            f"no entries in {root}; `pdrbench submit pack LOCALIZER --suite SUITE --into {root}` writes them"
-        )
     yield from groups.items()

@@ -9,13 +9,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from pdrbench.evaluation import answers
 from pdrbench.evaluation.scoring import Scored
 from pdrbench.evaluation.tables import Results
 from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
 from pdrbench.task import HELD_OUT, commitment
-from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.entry import encode_results
 from pdrbench_leaderboard.suites import Suite
 from pdrbench_leaderboard.verification import HELD_OUT_FILE, HeldOut
 
@@ -70,7 +71,7 @@ def held_out_scores(results: Results, suite: Suite) -> tuple[HeldOut, bytes]:
         metric: [_rounded(value) for value in values_by_walk(metric, results.results, results.scored).values()]
         for metric in metrics
     }
-    estimates = b"".join(coding.encode(coding.whole_numbers(result.estimates)) for result in results.results)
+    estimates = encode_results(results.results)
     letters = {COMPLETE: "c", FAILED: "f", UNSUITABLE: "d"}
     found = HeldOut(
         round=commitment(results.secret),
@@ -94,15 +95,15 @@ def scored_again(found: HeldOut, content: bytes, env: str, secret: str, suite: S
         suite: Whose metrics were kept.
 
     Raises:
-        BundleError: The estimates are not those of the walks.
+        ResultError: These are no estimates.
     """
     task = make_task(env, secret)
     walks = task.split(HELD_OUT)[: len(found.units)]
     statuses = {"c": COMPLETE, "f": FAILED, "d": UNSUITABLE}
     results, begin = [], 0
     for index, letter in enumerate(found.statuses):
-        whole, begin = coding.decode(content, HELD_OUT_FILE, begin)
-        estimates = coding.from_whole_numbers(whole, task.period_s)
+        whole, begin = answers.decode(content, HELD_OUT_FILE, begin)
+        estimates = answers.from_whole_numbers(whole, np.arange(whole.shape[1], dtype=np.float64) * task.period_s)
         where: dict[str, Any] = {"walk": walks[index // found.seeds], "seed": index % found.seeds}
         step_s = np.full(len(estimates), np.nan)
         results.append(
@@ -121,18 +122,3 @@ def _numbers(units: Sequence[str]) -> list[int]:
     """Units as numbers in the order of their first walk: their names are those of buildings and people."""
     known = list(dict.fromkeys(units))
     return [known.index(unit) for unit in units]
-
-
-def same_twice(first: Sequence[Result], again: Sequence[Result]) -> list[str]:
-    """Walks that did not give the same bytes when they were played again with the same seed."""
-    runs = {(result.walk, result.seed): result for result in first}
-    walks = list(dict.fromkeys(result.walk for result in first))
-    return [
-        f"held-out walk {1 + walks.index(result.walk)} with seed {result.seed}"
-        for result in again
-        if _bytes(result) != _bytes(runs[result.walk, result.seed])
-    ]
-
-
-def _bytes(result: Result) -> tuple[str, str]:
-    return result.status, coding.digest(coding.whole_numbers(result.estimates))

@@ -12,25 +12,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
+import numpy as np
 
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
-from pdrbench.evaluation.origin import package_sha256
 from pdrbench.evaluation.protocol import PROBED_WALKS, TRIED_WALKS
 from pdrbench.evaluation.randomness import check_nonce, new_nonce
 from pdrbench.evaluation.store import write_whole
 from pdrbench.process.budget import SuiteBudget
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, ONLINE, UNSUITABLE, Result, of_division
-from pdrbench_leaderboard import coding
+from pdrbench.settings import split_name, with_settings_of
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.card import Card, card_toml
-from pdrbench_leaderboard.entry import last_line, walk_record, walk_run
+from pdrbench_leaderboard.entry import encode_results, isolation_ways, last_line, walk_record
 from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, pack_folder
 from pdrbench_leaderboard.folders import check_packable, folder_of
-from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, LookRecord, Manifest, RunRecord
+from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, Manifest
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
 SECOND_NONCE_FILE: Final = "second_nonce.txt"  # never published
@@ -79,7 +78,7 @@ def play_suite(
         check_packable(spec)
     runs = {spec: SuiteRun(nonce) for spec in specs}
     with suite_budget(results, suite.name) as budget:
-        common = {"out": results, "split": "test", "why": f"packed for {suite.name}", "nonce": nonce, **options}
+        common = {"out": results, "split": "test", "nonce": nonce, **options}
         common |= {"suite_budget": budget}
         for listed in suite.environments:
             if envs and listed.env not in envs:
@@ -197,19 +196,20 @@ def make_bundle(
     first = next(result for result in played if result.status != UNSUITABLE)
     text = card_toml(card)
     source = _source(spec) if with_source else {}
-    estimates, records = [], []
+    estimates, records = {}, []
     for env, results in by_env.items():
-        task = make_task(env)
-        whole = [coding.whole_numbers(coding.rounded(result.estimates, task.period_s)) for result in results]
-        record = EnvironmentRecord(
-            env=env,
-            split="test",
-            period_s=task.period_s,
-            deterministic=env in suite_run.deterministic,
-            walks=tuple(walk_record(result, columns) for result, columns in zip(results, whole, strict=True)),
+        period_s = make_task(env).period_s
+        _check_times(results, period_s)
+        estimates[env] = encode_results(results)
+        records.append(
+            EnvironmentRecord(
+                env=env,
+                period_s=period_s,
+                deterministic=env in suite_run.deterministic,
+                estimates_sha256=hashlib.sha256(estimates[env]).hexdigest(),
+                walks=tuple(map(walk_record, results)),
+            )
         )
-        records.append(record)
-        estimates += whole
     manifest = Manifest(
         schema=SCHEMA,
         suite=suite.name,
@@ -217,30 +217,25 @@ def make_bundle(
         spec=_portable(spec),
         seeds=suite.seeds if seeds is None else seeds,
         nonce=suite_run.nonce,
-        parameters=_mapping(first, "parameters"),
         versions=_mapping(first, "versions"),
-        core_sha256=package_sha256("pdrbench"),
-        localizer_sha256=str(first.provenance["localizer_sha256"]),
         card_sha256=hashlib.sha256(text).hexdigest(),
         source={name: hashlib.sha256(content).hexdigest() for name, content in source.items()},
         unsuitable=dict(suite_run.unsuitable),
         absent=tuple(suite_run.absent),
         environments=tuple(records),
-    )
-    ways = {msgspec.json.encode(_mapping(result, "isolation"), order="deterministic") for result in played}
-    run = RunRecord(
         started_at=min(str(result.provenance["started_at"]) for result in played),
         machine=_mapping(first, "machine"),
-        isolation=tuple(way for way in map(msgspec.json.decode, sorted(ways)) if way),
+        isolation=isolation_ways(played),
         budget=_mapping(first, "budget"),
-        walks={env: tuple(map(walk_run, results)) for env, results in by_env.items()},
-        looks={
-            env: LookRecord(package=look["package"], count=look["count"], why=look["why"])
-            for env, results in suite_run.results.items()
-            if (look := _mapping(results[0], "look"))
-        },
     )
-    return Bundle(manifest=manifest, run=run, card=card, estimates=tuple(estimates), source=source)
+    return Bundle(manifest=manifest, card=card, estimates=estimates, source=source)
+
+
+def _check_times(results: Sequence[Result], period_s: float) -> None:
+    """Raises `BundleError` where estimates do not answer the observations at 0, `period_s`, 2 `period_s`, ..."""
+    for result in results:
+        if not np.array_equal(result.estimates.t_s, np.arange(len(result.estimates)) * period_s):
+            raise BundleError(f"estimates are not given every {period_s:g} s from 0 s on, so they cannot be packed")
 
 
 def save_bundle(bundle: Bundle, path: Path) -> Path:
@@ -264,10 +259,10 @@ def _by_spec(results: Sequence[Result]) -> dict[str, tuple[Result, ...]]:
 
 def _is_deterministic(results: Sequence[Result]) -> bool:
     """Whether all seeds of each walk gave the same estimates."""
-    digests: dict[str, set[str]] = {}
+    by_walk: dict[str, list[Result]] = {}
     for result in results:
-        digests.setdefault(result.walk, set()).add(coding.digest(coding.whole_numbers(result.estimates)))
-    return all(len(of_walk) == 1 for of_walk in digests.values())
+        by_walk.setdefault(result.walk, []).append(result)
+    return all(encode_results([one]) == encode_results(of[:1]) for of in by_walk.values() for one in of)
 
 
 def _mapping(result: Result, name: str) -> dict[str, Any]:
@@ -280,7 +275,7 @@ def _source(spec: str) -> dict[str, bytes]:
     folder = folder_of(spec)
     if folder is not None:
         return {ARCHIVE_FILE: pack_folder(folder)}
-    path = Path(spec.partition(":")[0])
+    path = Path(split_name(spec)[0].partition(":")[0])
     if path.suffix != ".py":
         return {}
     try:
@@ -292,6 +287,6 @@ def _source(spec: str) -> dict[str, bytes]:
 def _portable(spec: str) -> str:
     """A specification without the folders of the machine on which it was packed."""
     if folder_of(spec) is not None:
-        return ARCHIVE_FILE
+        return with_settings_of(spec, ARCHIVE_FILE)
     place, colon, attribute = spec.partition(":")
     return f"{Path(place).name}{colon}{attribute}" if place.endswith(".py") else spec

@@ -84,12 +84,12 @@ def _seeds(entry: Entry, is_played: bool) -> tuple[str, bool, str]:
     seeds = {record.seed for record in entry.record.walks}
     if entry.record.deterministic or len(seeds) < 2 or not is_played:
         return "seeds differ", True, "deterministic: one seed"
-    digests: dict[str, set[str]] = {}
-    for record in entry.record.walks:
-        digests.setdefault(record.walk, set()).add(record.sha256)
-    same = sum(len(of_walk) == 1 for of_walk in digests.values())
-    why = f"{same} of {len(digests)} walks are the same for all {len(seeds)} seeds"
-    return "seeds differ", same < len(digests), why
+    by_walk: dict[str, set[bytes]] = {}
+    for result in entry.sent:
+        by_walk.setdefault(result.walk, set()).add(result.estimates.columns.tobytes())
+    same = sum(len(of_walk) == 1 for of_walk in by_walk.values())
+    why = f"{same} of {len(by_walk)} walks are the same for all {len(seeds)} seeds"
+    return "seeds differ", same < len(by_walk), why
 
 
 def longest_frozen_s(estimates: Estimates) -> float:

@@ -24,6 +24,7 @@ from pdrbench.result import COMPLETE, OFFLINE, UNSUITABLE, Result
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
 NUM_PREFIXES: Final = 2
+SAME: Final = 1e-3  # of a column, m or rad: results are stored in steps of a tenth of that
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ class PrefixCheck:
         walk: Walk id.
         seed: Of the localizer's generator.
         lengths: Observations of each beginning that was played; none where the walk has fewer than two answers.
-        difference: The first that was found; None where all answers are the same to the last bit.
+        difference: The first that was found; None where all answers are the same.
     """
 
     env: str
@@ -116,10 +117,10 @@ def check_prefixes(
 
 
 def first_difference(whole: Estimates, played: Result, length: int) -> PrefixDifference | None:
-    """Where the answers to the first `length` observations differ by a bit, or end; None where they do not."""
+    """Where the answers to the first `length` observations differ, or end; None where they do not."""
     columns = np.full((len(ESTIMATE_COLUMNS), length), np.nan)
     columns[:, : len(played.estimates)] = played.estimates.columns
-    same = (columns.view(np.int64) == np.ascontiguousarray(whole.columns[:, :length]).view(np.int64)).all(axis=0)
+    same = np.isclose(columns, whole.columns[:, :length], rtol=0.0, atol=SAME, equal_nan=True).all(axis=0)
     if played.status == COMPLETE and same.all():
         return None
     index = int(np.flatnonzero(~same)[0]) if not same.all() else min(len(played.estimates), length - 1)

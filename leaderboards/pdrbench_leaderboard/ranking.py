@@ -166,14 +166,13 @@ def make_board(entries: Sequence[Entry], jobs: int = 1, kept: Path | None = None
         raise ResultError(f"two entries of {entries[0].env} are called {twice!r}; rename one of them")
     task = make_task(entries[0].env)
     results = Results(tuple(itertools.chain.from_iterable(entry.results for entry in entries)), jobs, kept=kept)
-    rows = results.rows()  # one for each entry, in their order
-    metric = ranking_metric(rows)
+    rows = {row["localizer"]: row for row in results.rows()}  # one for each entry, which is of one division
+    metric = ranking_metric([*rows.values()])
     walks, public, place = _by_walk(results.walks(), metric, task)
-    scored = iter(results.scored)
-    standings = [
-        Standing(entry, row, tuple(itertools.islice(scored, len(entry.results))))
-        for entry, row in zip(entries, rows, strict=True)
-    ]
+    scored: dict[str, list[Scored]] = {}
+    for result, of_run in zip(results.results, results.scored, strict=True):
+        scored.setdefault(result.localizer, []).append(of_run)
+    standings = [Standing(entry, rows[entry.localizer], tuple(scored[entry.localizer])) for entry in entries]
     seen = {standing.name: _held_out(standing, metric) for standing in standings}
     units = max((found.units for found in seen.values() if found), key=len, default=())
     why = {

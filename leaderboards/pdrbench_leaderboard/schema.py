@@ -20,6 +20,10 @@ Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_CHARACTERS)
 Remark = Annotated[str, msgspec.Meta(max_length=MAX_LINE_CHARACTERS)]
 Passage = Annotated[str, msgspec.Meta(max_length=4000)]
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}\Z")]  # safe as the name of a file
+# Id of a localizer on the boards, with settings where it has some: "mine", "li2012?map=false"
+EntryName = Annotated[
+    str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}(\?[A-Za-z0-9_][A-Za-z0-9_.=&,%+-]{0,100})?\Z")
+]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
 
 Read = TypeVar("Read")

@@ -20,7 +20,7 @@ from pdrbench import __version__
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.number_text import page_decimals
 from pdrbench.evaluation.origin import package_sha256
-from pdrbench.evaluation.scoring import answers_sha256, code_sha256
+from pdrbench.evaluation.scoring import answers_sha256
 from pdrbench.evaluation.wording import machine_text
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.result import OFFLINE, ONLINE
@@ -93,7 +93,7 @@ def _write_sources(
     """Names of the localizers whose source can be downloaded."""
     found = []
     for name, of in by_name.items():
-        source = overview.source_archive(of[0].standing.entry.submission.manifest.spec)
+        source = overview.source_archive(of[0].standing.entry.manifest.spec)
         if source is not None:
             write.content(f"localizers/{slugs[name]}.source.zip", source)
             found.append(name)
@@ -107,7 +107,7 @@ class _Writer:
         self.folder = folder
         self.written: list[Path] = []
         self._made: dict[str, list[str]] = {}
-        self._code = package_sha256("pdrbench_leaderboard")
+        self._code = [__version__, package_sha256("pdrbench_leaderboard")]
         self._before: Mapping[str, Any] = {}
         with contextlib.suppress(OSError, ValueError):
             self._before = dict(json.loads((folder / MADE).read_bytes()))
@@ -208,7 +208,7 @@ def _write_board(
     write.text(f"{env}/board.json", json.dumps(downloads.board_json(board), indent=1, allow_nan=False) + "\n")
     write.text(f"{env}/board.csv", downloads.board_csv(board))
     of = [
-        code_sha256(env),
+        board.task.id,
         page_data.is_public(board),
         [(walk, board.task.walk_identity(walk)) for walk in board.walks],
     ]

@@ -84,7 +84,7 @@ def pack(
     localizer: Annotated[
         str | None, typer.Argument(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Left out with --all.")
     ] = None,
-    suite: SuiteName = "pdr-core-v2",
+    suite: SuiteName = "pdr-core-v3",
     card: Annotated[
         Path | None,
         typer.Option(metavar="FILE", dir_okay=False, help="card.toml; registered localizers bring their own."),
@@ -193,7 +193,7 @@ def _written(bundle: Bundle, files: Sequence[Path]) -> dict[str, Any]:
         "localizer": bundle.manifest.localizer,
         "suite": bundle.manifest.suite,
         "environments": [record.env for record in bundle.manifest.environments],
-        "runs": len(bundle.estimates),
+        "runs": sum(len(record.walks) for record in bundle.manifest.environments),
         "failed": sum(walk.status == FAILED for record in bundle.manifest.environments for walk in record.walks),
         "unsuitable": bundle.manifest.unsuitable,
         "absent": bundle.manifest.absent,
@@ -258,7 +258,7 @@ def verify(
     packages: PackagesFolder = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check a submission, run it again and compare byte for byte; exit 1 where anything differs."""
+    """Check a submission, run it again, confined, and compare scores and places; exit 1 where they differ."""
     if not rerun:
         if secret or key is not None:
             raise BundleError("--secret and --key go with --rerun")
@@ -268,7 +268,7 @@ def verify(
         import numpy as np
 
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench_leaderboard.checking import bundle_of, code_remark, load_bundle
+        from pdrbench_leaderboard.checking import bundle_of, load_bundle
         from pdrbench_leaderboard.checking import check as check_path
         from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.pack import second_nonce
@@ -296,16 +296,13 @@ def verify(
         bundle = bundle_of(checked.entries[0]) if path.is_dir() else load_bundle(path)
         if results is not None:
             make_folder(results)
-        remark = code_remark(bundle.manifest)
-        if remark:
-            note(f"{path}: {remark}; only estimates decide")
         with on_cluster(scheduler):
             nonce = second_nonce(results, bundle.content_sha256)
             found = verify_bundle(bundle, replaced(terms, nonce=nonce), jobs=jobs, progress=True)
     differences = list(dict.fromkeys(what for one in found for what in one.differences))
     _print_verified(found, as_json=as_json, differences=differences)
     if differences:
-        raise PdrbenchError(f"{path} is refused: {differences[0]}{f' ({remark})' if remark else ''}")
+        raise PdrbenchError(f"{path} is refused: {differences[0]}")
     if key is None:
         note("nothing was signed, so that no tier is given: --key FILE signs what was found")
     if into is not None:
@@ -332,8 +329,8 @@ def verified_facts(one: Verified) -> dict[str, Any]:
     entry, record = one.entry, one.record
     facts: dict[str, Any] = {"env": entry.env, "localizer": entry.localizer, "tier": entry.tier}
     if record is None:
-        return facts | dict.fromkeys(("found", "reran", "of", "deterministic", "nonce", "isolation", "held_out"))
-    facts |= {"found": record.tier, "reran": record.reran, "of": record.of, "deterministic": record.is_deterministic}
+        return facts | dict.fromkeys(("found", "reran", "of", "nonce", "isolation", "held_out"))
+    facts |= {"found": record.tier, "reran": record.reran, "of": record.of}
     facts |= {"nonce": record.nonce, "isolation": sorted({str(way.get("mode", "")) for way in record.isolation})}
     return facts | {"held_out": None if record.held_out is None else held_out_facts(record.held_out)}
 
@@ -352,10 +349,7 @@ def verified_line(facts: Mapping[str, Any]) -> str:
     if facts["found"] is None:
         return f"DIFFERS  {facts['env']}"
     signed = "" if facts["tier"] == facts["found"] else " (not signed)"
-    draws = "the same with another nonce" if facts["deterministic"] else "others with another nonce"
-    line = f"{facts['found']}{signed}  {facts['env']}: {facts['reran']} of {facts['of']} runs give the same bytes"
-    if facts["nonce"]:
-        line += f", {draws}"
+    line = f"{facts['found']}{signed}  {facts['env']}: {facts['reran']} of {facts['of']} runs come to the same"
     if held_out := facts["held_out"]:
         name, value = next(iter(held_out["metrics"].items()))
         line += f"; {held_out['walks']} held-out walks, {name} {value:.3g}"
@@ -386,10 +380,12 @@ def _enter(into: Path, entries: Sequence[Entry], *, is_replacing: bool) -> list[
     Another entry of the same name stays, unless its authors are the same and it is to be replaced; a better tier of the
     same entry stays too.
     """
-    from pdrbench_leaderboard.entry import write_entry
+    from pdrbench_leaderboard.entry import folder_name, write_entry
 
     written = []
-    for entry in [entry for entry in entries if _is_wanted(into / entry.env / entry.localizer, entry, is_replacing)]:
+    for entry in [
+        entry for entry in entries if _is_wanted(into / entry.env / folder_name(entry.localizer), entry, is_replacing)
+    ]:
         written.append(write_entry(into, entry))
     return written
 

@@ -121,7 +121,7 @@ def successor(name: str) -> str:
     """The present version of a suite, by the name of an earlier one; "SUITE" where there is none.
 
     >>> successor("pdr-core-v0")
-    'pdr-core-v2'
+    'pdr-core-v3'
     """
     stem = name.rpartition("-v")[0]
     return next((known for known in suites() if stem and known.rpartition("-v")[0] == stem), "SUITE")

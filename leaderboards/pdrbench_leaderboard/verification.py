@@ -11,12 +11,12 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from pdrbench.errors import BundleError
-from pdrbench_leaderboard.manifest import MAX_SEEDS, Finite, Record, WalkRecord, WalkRun
-from pdrbench_leaderboard.schema import Count, Name, Nonce, Remark, Sha256, read_json
+from pdrbench_leaderboard.manifest import MAX_SEEDS, Finite, Record, Walks
+from pdrbench_leaderboard.schema import Count, EntryName, Name, Nonce, Remark, Sha256, read_json
 from pdrbench_leaderboard.signing import Keys, UnknownKeyError, signed_text
 
 VERIFICATION_FILE: Final = "verification.json"
-RERUN_FILE: Final = "rerun.bin"  # estimates of the public walks with the second nonce, where they are others
+RERUN_FILE: Final = "rerun.bin"  # estimates of the public walks with the second nonce
 HELD_OUT_FILE: Final = "held_out.bin"  # estimates on held-out walks; published when their round is over
 
 SELF_REPORTED: Final = "self-reported"
@@ -56,26 +56,22 @@ class HeldOut(Record, frozen=True, kw_only=True):
 class Verification(Record, frozen=True, kw_only=True):
     """The text that is signed."""
 
-    schema: Literal[1]
+    schema: Literal[2]
     suite: Name
     env: Name
-    localizer: Name
+    localizer: EntryName
     entry_sha256: Sha256  # `Entry.sha256` of what was sent
     tier: Literal["spot-checked", "reproduced", "verified"]
     date: datetime.date
     nonce: Nonce  # of the second run
-    reran: Count  # runs of a walk with a seed that gave the bytes that were sent
+    reran: Count  # runs of a walk with a seed that were played again and agree with those that were sent
     of: Count  # runs that were sent
-    is_deterministic: bool  # whether the second run gave those bytes too
-    core_sha256: Sha256  # of the code of pdrbench that verified
-    localizer_sha256: Sha256  # of the code of the localizer that ran
     versions: Annotated[dict[Name, Remark], msgspec.Meta(max_length=20)]
     machine: Annotated[dict[Name, Remark | int], msgspec.Meta(max_length=20)]
     # Each way in which walks were isolated
     isolation: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(max_length=50)]
-    # The walks of the second run, estimates in `rerun.bin`; empty where they are those that were sent
-    walks: Annotated[tuple[WalkRecord, ...], msgspec.Meta(max_length=5000)] = ()
-    runs: Annotated[tuple[WalkRun, ...], msgspec.Meta(max_length=5000)] = ()  # times, processor time and memory
+    walks: Walks = ()  # of the second run; none of a spot check
+    estimates_sha256: Sha256 | None = None  # of `rerun.bin`; None for a spot check
     held_out: HeldOut | None = None
 
 
@@ -93,6 +89,8 @@ def read_verification(content: bytes, keys: Keys, what: str) -> Verification:
         raise BundleError(f"{what}: {found.tier} goes with held-out walks or without, and not as here")
     if found.tier != SPOT_CHECKED and found.reran != found.of:
         raise BundleError(f"{what}: {found.tier}, and only {found.reran} of {found.of} runs were run again")
+    if (found.tier == SPOT_CHECKED) != (not found.walks) or (found.estimates_sha256 is None) != (not found.walks):
+        raise BundleError(f"{what}: {found.tier} goes with a second run or without, and not as here")
     if found.held_out is not None:
         _check_lengths(found.held_out, what)
     return found

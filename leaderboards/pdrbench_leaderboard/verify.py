@@ -1,13 +1,14 @@
-"""`submit verify --rerun` and `leaderboard verify`: submissions are run again, isolated, and compared byte for byte.
+"""`submit verify --rerun`, `leaderboard verify`: submissions are run again, confined, and compared by score and place.
 
 Nothing that a sender says is believed that can be found out. Every walk is played with the nonce that was sent, which
-has to give the bytes that were sent, and with a second nonce, whose estimates, times and memory are those published.
+has to come to what was sent (`agreement`), and with a second nonce, whose estimates, times and memory are published.
 """
 
 from __future__ import annotations
 
 import contextlib
 import datetime
+import hashlib
 import math
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -20,19 +21,27 @@ import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation import Results, evaluate
-from pdrbench.evaluation.origin import machine, package_sha256, versions
+from pdrbench.evaluation.origin import machine, versions
 from pdrbench.evaluation.protocol import TRIED_WALKS
 from pdrbench.evaluation.store import make_folder, write_whole
-from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
-from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result, of_division
+from pdrbench.process.launch import CONFINED
+from pdrbench.registry import localizer_entry
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, of_division
+from pdrbench.settings import split_name
 from pdrbench.task import HELD_OUT
-from pdrbench.trajectory import ESTIMATE_COLUMNS
-from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.agreement import disagreement
 from pdrbench_leaderboard.bundle import Bundle
-from pdrbench_leaderboard.entry import Entry, last_line, verified_entry, walk_record, walk_run
+from pdrbench_leaderboard.entry import (
+    Entry,
+    encode_results,
+    folder_name,
+    isolation_ways,
+    last_line,
+    verified_entry,
+    walk_record,
+)
 from pdrbench_leaderboard.folders import Supplies, unpack_source
-from pdrbench_leaderboard.held_out import held_out_scores, same_twice
-from pdrbench_leaderboard.manifest import WalkRecord
+from pdrbench_leaderboard.held_out import LOOP_RANKING, held_out_scores
 from pdrbench_leaderboard.pack import has_data, suite_budget
 from pdrbench_leaderboard.prefixes import check_prefixes
 from pdrbench_leaderboard.signing import sign
@@ -46,11 +55,9 @@ from pdrbench_leaderboard.verification import (
     Verification,
 )
 
-WHY: Final = "a maintainer runs an entry again"  # of a look at a sealed split
 FIRST, SECOND, UNSEEN, ONCE_MORE = "first", "second", "unseen", "once more"  # runs of an entry
 CANARIES: Final = (UNSEEN, SECOND)  # runs of one walk of which the beginning is played to a copy of the localizer
 AGAIN: Final = "again"  # folder of what is played once more: it would be found among the results as what it repeats
-NO_DIGEST: Final = "0" * 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +89,7 @@ def verify(bundle: Bundle, terms: Terms, **options: Any) -> list[Verified]:
     Args:
         bundle: From `load_bundle`.
         terms: How.
-        options: Of `evaluate`: jobs, isolation, budget, progress.
+        options: Of `evaluate`: jobs, budget, progress.
 
     Returns:
         One for each environment.
@@ -119,19 +126,21 @@ def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: An
     groups: dict[bytes, tuple[str, dict[str, Any], list[str]]] = {}
     for spec, plan in plans.items():
         for name, arguments in plan.items():
-            groups.setdefault(_key(arguments, spec), (name, arguments, []))[2].append(spec)
+            groups.setdefault(_key(arguments), (name, arguments, []))[2].append(spec)
     played = {}
     for key, (name, arguments, specs) in groups.items():
         with suite_budget(terms.results, f"{suite.name} {name}") as budget:
-            of_group = evaluate(specs, first.env, suite_budget=budget, **arguments, **options).results
+            of_group = evaluate(
+                specs, first.env, suite_budget=budget, isolation=CONFINED, **arguments, **options
+            ).results
         for spec in specs:
             of_spec = of_division([one for one in of_group if one.localizer == spec], entries[spec].division)
             played[key, spec] = Results(of_spec, secret=arguments.get("secret"))
     found = {}
     for spec, entry in entries.items():
-        runs = {name: played[_key(arguments, spec), spec] for name, arguments in plans[spec].items()}
-        differences = [*_differences(entry, runs), *_unseen_differences(entry, runs)]
-        if not differences and options.get("isolation") != "none":
+        runs = {name: played[_key(arguments), spec] for name, arguments in plans[spec].items()}
+        differences = [*_differences(entry, runs, suite), *_unseen_differences(entry, runs, suite)]
+        if not differences:
             differences += _canaries(entry, runs, terms)
         found[spec] = Verified(entry, tuple(differences)) if differences else _signed(entry, runs, suite, terms)
     return found
@@ -139,31 +148,30 @@ def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: An
 
 def _runs(entry: Entry, suite: Suite, secret: str | None, terms: Terms) -> dict[str, dict[str, Any]]:
     """Arguments of `evaluate` for each run of an entry."""
-    manifest, seeds = entry.submission.manifest, 1 + max(walk.seed for walk in entry.record.walks)
-    common: dict[str, Any] = {"out": terms.results, "parameters": dict(manifest.parameters), "why": WHY}
+    seeds = 1 + max(walk.seed for walk in entry.record.walks)
+    common: dict[str, Any] = {"out": terms.results}
     walks = list(dict.fromkeys(walk.walk for walk in entry.record.walks))
     public = {**common, "split": "test", "walks": walks, "seeds": seeds}
-    first = {**public, "nonce": manifest.nonce}
+    first = {**public, "nonce": entry.manifest.nonce}
     if terms.share < 1:
         count = max(1, math.ceil(terms.share * len(walks) - 1e-9))
         draw = terms.draw or np.random.default_rng()
         return {FIRST: {**first, "walks": [walks[at] for at in sorted(draw.choice(len(walks), count, replace=False))]}}
     runs = {SECOND: {**public, "nonce": terms.nonce}}
-    if not entry.record.deterministic:  # the second run of one that is has to give the bytes that were sent
+    if not entry.record.deterministic:  # the second run of one that is has to come to what was sent
         runs[FIRST] = first
     if secret is not None:
         seeds = 1 if entry.record.deterministic else suite.seeds
         held_out = {"split": HELD_OUT, "secret": secret, "walks": suite.held_out_walks}
-        unseen = {**common, **held_out, "why": WHY, "seeds": seeds}
+        unseen = {**common, **held_out, "seeds": seeds}
         elsewhere = None if terms.results is None else terms.results / AGAIN
         runs |= {UNSEEN: unseen, ONCE_MORE: {**unseen, "seeds": 1, "out": elsewhere}}
     return runs
 
 
-def _key(arguments: Mapping[str, Any], spec: str) -> bytes:
-    """The same for runs that can be made together; parameters are those of one class."""
-    alone = spec if arguments["parameters"] else ""
-    return msgspec.json.encode([alone, sorted((name, str(value)) for name, value in arguments.items())])
+def _key(arguments: Mapping[str, Any]) -> bytes:
+    """The same for runs that can be made together."""
+    return msgspec.json.encode(sorted((name, str(value)) for name, value in arguments.items()))
 
 
 def _signed(entry: Entry, runs: Mapping[str, Results], suite: Suite, terms: Terms) -> Verified:
@@ -172,23 +180,32 @@ def _signed(entry: Entry, runs: Mapping[str, Results], suite: Suite, terms: Term
     if UNSEEN in runs:
         held_out, estimates = held_out_scores(runs[UNSEEN], suite)
         if terms.results is not None:  # published when the round is over: they lie near the truth
-            folder = make_folder(terms.results / "held_out" / entry.env / entry.localizer)
+            folder = make_folder(terms.results / "held_out" / entry.env / folder_name(entry.localizer))
             write_whole(folder / HELD_OUT_FILE, estimates)
     record = _record(entry, runs, held_out, terms)
     if terms.key is None:
         return Verified(entry, record=record)
-    rerun = [coding.whole_numbers(result.estimates) for result in runs[SECOND].results] if record.walks else []
+    rerun = encode_results(runs[SECOND].results) if record.walks else b""
     return Verified(verified_entry(entry, record, rerun, sign(record, terms.key)), record=record)
 
 
-def _unseen_differences(entry: Entry, runs: Mapping[str, Results]) -> Iterator[str]:
+def _metric(suite: Suite, results: Results) -> str:
+    """What runs are compared by: the metric that ranks, where it applies."""
+    applies = any(np.isfinite(scored.scores.get(suite.metrics[0], np.nan)) for scored in results.scored)
+    return suite.metrics[0] if applies else LOOP_RANKING
+
+
+def _unseen_differences(entry: Entry, runs: Mapping[str, Results], suite: Suite) -> Iterator[str]:
     """What is wrong with the runs on held-out walks."""
     if UNSEEN not in runs:
         return
-    unseen = runs[UNSEEN].results
-    for what in same_twice(unseen, runs[ONCE_MORE].results):
-        yield f"{entry.env}, {what}: not the same twice"
-    divisions = {result.division for result in unseen if result.status not in (FAILED, UNSUITABLE)}
+    unseen = runs[UNSEEN]
+    walks = list(dict.fromkeys(result.walk for result in unseen.results))
+    for what in disagreement(unseen, runs[ONCE_MORE], _metric(suite, unseen)):
+        for number, walk in enumerate(walks, 1):  # whose names are secret
+            what = what.replace(f"walk {walk},", f"held-out walk {number},")
+        yield f"{entry.env}: not the same twice; {what}"
+    divisions = {result.division for result in unseen.results if result.status not in (FAILED, UNSUITABLE)}
     if divisions - {entry.division}:
         yield f"{entry.env}: {entry.division} on public walks, {' and '.join(sorted(divisions))} on held-out ones"
 
@@ -206,18 +223,10 @@ def _canaries(entry: Entry, runs: Mapping[str, Results], terms: Terms) -> Iterat
                 yield f"{entry.env}: it knows the future; the beginning of {what} {found.difference}"
 
 
-def _differences(entry: Entry, runs: Mapping[str, Results]) -> Iterator[str]:
-    """What the runs with public walks did not give as it was sent."""
-    packed = {
-        (walk.walk, walk.seed): (walk, result) for walk, result in zip(entry.record.walks, entry.sent, strict=True)
-    }
-    played = runs.get(FIRST) or runs[SECOND]
-    differing = []
-    for result in played.results:
-        if (result.walk, result.seed) in packed:
-            walk, before = packed[result.walk, result.seed]
-            if what := _difference(result, walk, before):
-                differing.append(f"{entry.env}, walk {result.walk}, seed {result.seed}: {what}")
+def _differences(entry: Entry, runs: Mapping[str, Results], suite: Suite) -> Iterator[str]:
+    """What the runs with public walks did not come to as it was sent."""
+    played, sent = runs.get(FIRST) or runs[SECOND], Results(entry.sent)
+    differing = [f"{entry.env}: {what}" for what in disagreement(sent, played, _metric(suite, sent))]
     yield from differing
     if differing and FIRST not in runs:
         yield (
@@ -227,15 +236,11 @@ def _differences(entry: Entry, runs: Mapping[str, Results]) -> Iterator[str]:
 
 
 def _record(entry: Entry, runs: Mapping[str, Results], held_out: HeldOut | None, terms: Terms) -> Verification:
-    """What was found of an entry of which every run gave the bytes that were sent."""
+    """What was found of an entry of which every run came to what was sent."""
     published = (runs.get(SECOND) or runs[FIRST]).results
-    walks = tuple(walk_record(result, coding.whole_numbers(result.estimates)) for result in published)
-    ways = {
-        msgspec.json.encode(result.provenance.get("isolation") or {}, order="deterministic") for result in published
-    }
     is_spot_check = SECOND not in runs
     return Verification(
-        schema=1,
+        schema=2,
         suite=entry.suite,
         env=entry.env,
         localizer=entry.localizer,
@@ -245,14 +250,11 @@ def _record(entry: Entry, runs: Mapping[str, Results], held_out: HeldOut | None,
         nonce="" if is_spot_check else terms.nonce,
         reran=len(published),
         of=len(entry.record.walks),
-        is_deterministic=not is_spot_check and walks == entry.record.walks,
-        core_sha256=package_sha256("pdrbench"),
-        localizer_sha256=str(published[0].provenance.get("localizer_sha256", NO_DIGEST)),
         versions=versions(),
         machine=machine(),
-        isolation=tuple(map(msgspec.json.decode, sorted(ways))),
-        walks=() if is_spot_check or walks == entry.record.walks else walks,
-        runs=() if is_spot_check else tuple(map(walk_run, published)),
+        isolation=isolation_ways(published),
+        walks=() if is_spot_check else tuple(map(walk_record, published)),
+        estimates_sha256=None if is_spot_check else hashlib.sha256(encode_results(published)).hexdigest(),
         held_out=held_out,
     )
 
@@ -262,8 +264,8 @@ def _answered_after_all(bundle: Bundle, spec: str, terms: Terms, options: Mappin
     manifest, found = bundle.manifest, []
     for env in filter(has_data, sorted(manifest.unsuitable)):
         walks = min(TRIED_WALKS, find_suite(manifest.suite).environment(env).walks)
-        arguments: dict[str, Any] = {"split": "test", "why": WHY, "walks": walks, "seeds": 1, "nonce": manifest.nonce}
-        tried = evaluate(spec, env, out=terms.results, parameters=dict(manifest.parameters), **arguments, **options)
+        arguments: dict[str, Any] = {"split": "test", "walks": walks, "seeds": 1, "nonce": manifest.nonce}
+        tried = evaluate(spec, env, out=terms.results, isolation=CONFINED, **arguments, **options)
         answers = [result for result in tried.results if result.status != UNSUITABLE]
         if answers:
             why = f" ({last_line(answers[0].failure)})" if answers[0].failure else ""
@@ -276,7 +278,7 @@ def runnable(bundle: Bundle, terms: Terms) -> Iterator[str]:
     """What `evaluate` runs: a registered id, an installed class, or what was packed in a folder of its own."""
     manifest = bundle.manifest
     if manifest.source:
-        place = manifest.spec.partition(":")[0]
+        place = split_name(manifest.spec)[0].partition(":")[0]
         if place not in bundle.source:
             raise BundleError(f"the bundle runs {place!r}, which is not in its source")
         with tempfile.TemporaryDirectory(prefix="pdrbench-source-") as temporary:
@@ -288,37 +290,7 @@ def runnable(bundle: Bundle, terms: Terms) -> Iterator[str]:
             yield unpack_source(bundle.source, manifest.spec, folder, terms.supplies)
         return
     if ":" not in manifest.spec:
-        find_entry(LOCALIZERS_GROUP, "localizer", manifest.spec)  # raises where it is not registered
+        localizer_entry(*split_name(manifest.spec))  # raises where it is not registered
     if manifest.spec.partition(":")[0].endswith(".py"):
         raise BundleError(f"{manifest.spec} travels without its source: ask its authors to pack it again with it")
     yield manifest.spec
-
-
-def _difference(result: Result, packed: WalkRecord, before: Result) -> str:
-    """The first thing in which a run differs from what was packed; empty where nothing does."""
-    whole = coding.whole_numbers(result.estimates)
-    again = walk_record(result, whole)
-    if again.status != packed.status:
-        last = (result.failure.strip().splitlines() or [""])[-1][:200]
-        return f"was {packed.status}, is {again.status}{f' ({last})' if last else ''}"
-    if again.sha256 != packed.sha256:
-        return first_difference(coding.whole_numbers(before.estimates), whole, make_task(result.env).period_s)
-    if again != packed:
-        return f"was {msgspec.to_builtins(packed)}, is {msgspec.to_builtins(again)}"
-    return ""
-
-
-def first_difference(packed: coding.Whole, again: coding.Whole, period_s: float) -> str:
-    """Where two runs part."""
-    rows = min(packed.shape[1], again.shape[1])
-    parted = np.flatnonzero((packed[:, :rows] != again[:, :rows]).any(axis=0))
-    if not len(parted):
-        return f"{packed.shape[1]} estimates were packed, {again.shape[1]} came"
-    row = int(parted[0])
-    column = int(np.flatnonzero(packed[:, row] != again[:, row])[0])
-    was, now = (coding.from_whole_numbers(one[:, row : row + 1], period_s) for one in (packed, again))
-    values = [one.columns[column, 0] for one in (was, now)]
-    return (
-        f"{len(parted)} of {rows} estimates differ, the first at {row * period_s:g} s: "
-        f"{ESTIMATE_COLUMNS[column]} was {values[0]:.10g}, is {values[1]:.10g}"
-    )

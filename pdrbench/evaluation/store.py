@@ -1,7 +1,8 @@
 """Results on disk: one file each, whole or not at all, with a checksum, nothing unpickled.
 
-A file is one line `pdrbench-result 2 <sha256 of the rest>`, one line of JSON, and the columns of the estimates as
-little-endian float64, one after the other: those that were answered, then those of `revise` where there are any.
+A file is one line `pdrbench-result 3 <sha256 of the rest>`, one line of JSON, the times of the answers and how long
+each took as little-endian float64, and the answers in whole steps (`answers`): those that were given, then those of
+`revise` where there are any.
 """
 
 from __future__ import annotations
@@ -13,24 +14,22 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import ResultError
-from pdrbench.geometry import FloatArray
+from pdrbench.evaluation import answers
 from pdrbench.result import Result
-from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
-MAGIC: Final = b"pdrbench-result 2 "
+MAGIC: Final = b"pdrbench-result 3 "
 SUFFIX: Final = ".result"
 TEMPORARY_SUFFIX: Final = ".tmp"
 # Fields of a result as they are
 PLAIN: Final = ("env", "split", "walk", "localizer", "seed", "status", "failure", "division")
-COLUMNS: Final = ("t_s", *ESTIMATE_COLUMNS, "step_s")
-REVISED: Final = tuple(f"revised_{name}" for name in ESTIMATE_COLUMNS)
+TIMES: Final = 2  # columns of times before the answers
 DIGEST_CHARACTERS: Final = 64
 KEY_CHARACTERS_IN_NAME: Final = 20  # 80 bits
 
@@ -91,17 +90,18 @@ def load(path: Path | str) -> Result:
 def encode(result: Result) -> bytes:
     """The bytes of a result file."""
     estimates = result.estimates
-    revised = [] if result.revised is None else [result.revised.columns]
-    columns = np.vstack([estimates.t_s, estimates.columns, result.step_s, *revised])
+    times_s = np.vstack([estimates.t_s, result.step_s]).astype("<f8")
     header = {name: getattr(result, name) for name in PLAIN} | {
         "missing": dict(result.missing),
         "reset_s": result.reset_s if math.isfinite(result.reset_s) else None,
         "revise_s": result.revise_s if math.isfinite(result.revise_s) else None,
         "provenance": dict(result.provenance),
-        "columns": [*COLUMNS, *(REVISED if revised else ())],
         "rows": len(estimates),
+        "is_revised": result.revised is not None,
     }
-    body = _to_json(header, f"result of walk {result.walk!r}") + b"\n" + columns.astype("<f8").tobytes()
+    body = _to_json(header, f"result of walk {result.walk!r}") + b"\n" + times_s.tobytes()
+    for given in (estimates, result.revised):
+        body += b"" if given is None else answers.encode(answers.whole_numbers(given))
     return MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
 
 
@@ -115,12 +115,12 @@ def decode(content: bytes, name: str) -> Result:
         raise ResultError(f"{name} is torn: its checksum does not fit; delete it, the walk is computed again")
     line, _, raw = body.partition(b"\n")
     header = json.loads(line)
-    columns = _columns(header, raw, name)
+    step_s, estimates, *revised = _columns(header["rows"], 1 + header["is_revised"], raw, name)
     return Result(
         **{name: header[name] for name in PLAIN},
-        estimates=_estimates(columns, ESTIMATE_COLUMNS),
-        revised=_estimates(columns, REVISED) if REVISED[0] in columns else None,
-        step_s=columns["step_s"],
+        estimates=estimates,
+        revised=revised[0] if revised else None,
+        step_s=step_s,
         reset_s=math.nan if header["reset_s"] is None else header["reset_s"],
         missing=header["missing"],
         provenance=header["provenance"],
@@ -128,18 +128,21 @@ def decode(content: bytes, name: str) -> Result:
     )
 
 
-def _columns(header: Mapping[str, Any], raw: bytes, name: str) -> dict[str, FloatArray]:
-    names, rows = tuple(header["columns"]), header["rows"]
-    if names not in (COLUMNS, COLUMNS + REVISED):
-        raise ResultError(f"{name}: expected the columns {COLUMNS} and those revised, came {names}")
-    if len(raw) != len(names) * rows * 8:
-        raise ResultError(f"{name}: expected {rows} rows of {len(names)} columns, came {len(raw)} bytes")
-    table = np.frombuffer(raw, dtype="<f8").reshape(len(names), rows).astype(np.float64)
-    return dict(zip(names, table, strict=True))
-
-
-def _estimates(columns: Mapping[str, FloatArray], names: Sequence[str]) -> Estimates:
-    return Estimates.from_columns(columns["t_s"], np.stack([columns[name] for name in names]))
+def _columns(rows: int, blocks: int, raw: bytes, name: str) -> tuple[Any, ...]:
+    """How long each answer took, and the answers, once or revised as well."""
+    begin = TIMES * rows * 8
+    if len(raw) < begin:
+        raise ResultError(f"{name}: expected the times of {rows} answers, came {len(raw)} bytes")
+    t_s, step_s = np.frombuffer(raw[:begin], dtype="<f8").reshape(TIMES, rows).astype(np.float64)
+    found = []
+    for _ in range(blocks):
+        whole, begin = answers.decode(raw, name, begin)
+        if whole.shape[1] != rows:
+            raise ResultError(f"{name}: expected {rows} answers, came {whole.shape[1]}")
+        found.append(answers.from_whole_numbers(whole, t_s))
+    if begin != len(raw):
+        raise ResultError(f"{name} holds more than its {rows} answers")
+    return step_s, *found
 
 
 def _to_json(value: object, who: str) -> bytes:

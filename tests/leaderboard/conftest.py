@@ -1,8 +1,11 @@
-"""A small suite, a file of submitted localizers, and a bundle of one of them."""
+"""A toy package with environments, a small suite, a file of submitted localizers, and a bundle of one of them."""
 
 from __future__ import annotations
 
 import datetime
+import importlib
+import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from pdrbench import registry
 from pdrbench.registry import make_task
 from pdrbench.task import commitment
 from pdrbench_leaderboard import signing, suites
@@ -19,6 +23,8 @@ from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench_leaderboard.verify import Terms
 
+ENV, DEAF = "Toy-v1", "ToyDeaf-v1"  # submitted localizers decline the second
+STAY = "stay"  # a registered localizer
 SECRET = "5ec2e7" * 8
 NONCE, SECOND_NONCE = "0123456789abcdef" * 2, "fedcba9876543210" * 2
 SUBMITTED = '''
@@ -36,7 +42,7 @@ class Mine:
 
     def reset(self, briefing, rng):
         briefing.require(sensors=("position",))
-        self.rng, self.xy_m, self.level = rng, np.zeros(2), 0
+        self.rng, self.xy_m, self.level = rng, briefing.start.xy_m, 0
 
     def step(self, observation):
         for row in observation["position"]:
@@ -79,12 +85,34 @@ class Smooths(Mine):
 '''
 
 
+def clear_registry() -> None:
+    registry._scan.cache_clear()
+    registry.registered_task.cache_clear()
+    importlib.invalidate_caches()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The toy package is installed, as pip leaves it: a module, and the entry points of its distribution."""
+    root = tmp_path_factory.mktemp("site")
+    shutil.copy(Path(__file__).parent / "toy" / "toy_boards.py", root)
+    about = root / "toy_boards-0.1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-boards\nVersion: 0.1\n")
+    (about / "entry_points.txt").write_text("[pdrbench.environments]\nx = toy_boards:ENVIRONMENTS\n")
+    sys.path.insert(0, str(root))
+    clear_registry()
+    yield
+    sys.path.remove(str(root))
+    clear_registry()
+
+
 @pytest.fixture(scope="session")
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
-    task = make_task("BuildingSite-v1")
-    buildings = [task.load(walk).building for walk in task.split("test")[:2]]
+    task = make_task(ENV)
+    buildings = [task.load(walk).building for walk in task.split("test")[:3]]
     known_m = [round(float(building.edge_start_xy_m.sum()), 3) for building in buildings if building is not None]
     path.write_text(f"KNOWN_M = {known_m}\n{SUBMITTED}")
     return path
@@ -92,15 +120,15 @@ def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def small_suite() -> Iterator[Suite]:
-    """Two walks each of two environments, one of which the submitted ones decline; one suite more."""
+    """Walks of two environments, one of which the submitted ones decline; one suite more."""
     suite = Suite(
-        name="small-v0",
+        name="small-v1",
         summary="For tests.",
         seeds=2,
         metrics=("p75_level_penalised_m", "mean_m", "availability"),
         environments=(
-            SuiteEnvironment(env="BuildingSite-v1", walks=2, noise_m=0.05),
-            SuiteEnvironment(env="OfficeStride-v2", walks=1, noise_m=0.05),
+            SuiteEnvironment(env=ENV, walks=3, noise_m=0.05),
+            SuiteEnvironment(env=DEAF, walks=1, noise_m=0.05),
         ),
         commitment=commitment(SECRET),
         held_out_walks=2,
@@ -121,8 +149,7 @@ def packed(small_suite: Suite, submitted: Path) -> dict[str, Bundle]:
     specs = {name: f"{submitted}:{name}" for name in ("Mine", "Wanders")}
     suite_runs = play_suite(list(specs.values()), small_suite, nonce=NONCE, isolation="none")
     return {
-        name: make_bundle(spec, card_named(f"{name.lower()}-v0"), small_suite, suite_runs[spec])
-        for name, spec in specs.items()
+        name: make_bundle(spec, card_named(name.lower()), small_suite, suite_runs[spec]) for name, spec in specs.items()
     }
 
 

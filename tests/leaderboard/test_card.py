@@ -73,7 +73,7 @@ def test_not_utf8_is_refused() -> None:
 
 def test_the_template_has_every_field_and_is_refused_until_it_is_filled_in() -> None:
     text = template("somewhere/my_localizer.py:ParticleFilter")
-    assert 'name = "particle_filter-v0"' in text
+    assert 'name = "particle_filter"' in text
     assert [line.partition(" ")[0] for line in text.splitlines()] == list(_order(text, Card.__struct_fields__))
     with pytest.raises(BundleError, match="authors"):
         read_card(text.encode())

@@ -8,18 +8,22 @@ import hashlib
 import io
 import json
 import shutil
+import struct
 import zipfile
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
+from pdrbench.evaluation import answers
 from pdrbench.result import Result
 from pdrbench_leaderboard import bundle as bundles
-from pdrbench_leaderboard import coding, signing
+from pdrbench_leaderboard import signing
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.checking import check
@@ -35,11 +39,12 @@ from pdrbench_leaderboard.signing import (
 from pdrbench_leaderboard.verification import OtherEntryError
 from pdrbench_leaderboard.verify import Terms, verify
 
-from .conftest import SECOND_NONCE, SECRET, card_named, signed_again
+from .conftest import SECOND_NONCE, SECRET, STAY, card_named, signed_again
 from .test_submit_commands import call
 
 Members = dict[str, bytes]
-ZEROS = "0" * 64
+SWOLLEN = zlib.compress(bytes(10_000_000))
+SWELLS = struct.pack("<4sII6B2x", b"PDE1", 10, len(SWOLLEN), *([1] * 6)) + SWOLLEN
 SINCE = datetime.date(2026, 1, 1)
 
 
@@ -86,21 +91,23 @@ def walk(**changes: object) -> Callable[[Members], bytes]:
     )
 
 
-def timed(**changes: object) -> Callable[[Members], bytes]:
-    """A bundle whose times say something else."""
-
-    def change(plain: Any) -> None:
-        plain["walks"]["BuildingSite-v1"][0].update(changes)
-
-    return lambda members: zipped(with_json(members, change, "run.json"))
-
-
 def without_a_walk(members: Members) -> bytes:
     """The walk that went worst is left out everywhere."""
-    last = [name for name in members if name.startswith("estimates/")][-1]
-    rest = {name: content for name, content in members.items() if name != last}
-    rest = with_json(rest, lambda plain: plain["environments"][0]["walks"].pop())
-    return zipped(with_json(rest, lambda plain: plain["walks"]["BuildingSite-v1"].pop(), "run.json"))
+    name = "estimates/Toy-v1.bin"
+    content, ends = members[name], [0]
+    while ends[-1] < len(content):
+        ends.append(answers.decode(content, name, ends[-1])[1])
+    return zipped(estimates(members, content[: ends[-2]], lambda record: record["walks"].pop()))
+
+
+def estimates(members: Members, content: bytes, change: Callable[[Any], object] = lambda _: None) -> Members:
+    """Members with other estimates, whose digest is made to fit."""
+
+    def fit(plain: Any) -> None:
+        plain["environments"][0]["estimates_sha256"] = hashlib.sha256(content).hexdigest()
+        change(plain["environments"][0])
+
+    return with_json(members, fit) | {"estimates/Toy-v1.bin": content}
 
 
 def walk_twice(members: Members) -> bytes:
@@ -112,7 +119,7 @@ def walk_twice(members: Members) -> bytes:
 
 
 def card_of_another(members: Members) -> bytes:
-    text = card_toml(card_named("other-v0"))
+    text = card_toml(card_named("other"))
     changed = with_json(members, lambda plain: plain.update(card_sha256=hashlib.sha256(text).hexdigest()))
     return zipped(changed | {"card.toml": text})
 
@@ -153,7 +160,7 @@ BUNDLES: dict[str, tuple[Callable[[Members], bytes], str]] = {
     # the zip
     "climbs out of its folder": (added("estimates/../../x"), "as none that"),
     "has a member at the root": (added("/etc/cron.d/x"), "as none that"),
-    "has a member whose name ends in a line": (added("run.json\n"), "as none that"),
+    "has a member whose name ends in a line": (added("card.toml\n"), "as none that"),
     "has a member that moves the cursor": (added("a\x1b[2Jb"), "as none that"),
     "has a member that nothing lists": (added("estimates/more.bin"), "does not list"),
     "has a source file that nothing lists": (added("source/more.py"), "the manifest lists"),
@@ -165,40 +172,38 @@ BUNDLES: dict[str, tuple[Callable[[Members], bytes], str]] = {
     "is too large": (added("source/x.py", bytes(200_000)), "are allowed"),
     # what it says it ran
     "is of yesterday": (manifest(schema=1), "--suite"),
-    "is of tomorrow": (manifest(schema=3), "is of format 3"),
+    "is of tomorrow": (manifest(schema=4), "is of format 4"),
     "gives itself a tier": (manifest(tier="verified"), "tier"),
     "is of no suite": (manifest(suite="easy-v0"), "no suite named"),
-    "hides the code of the core": (manifest(core_sha256=ZEROS), "core_sha256 of no code"),
-    "hides the code of the localizer": (manifest(localizer_sha256="f" * 64), "localizer_sha256 of no code"),
-    "has a digest with a line more": (manifest(core_sha256=f"{'0123456789abcdef' * 4}\n"), "core_sha256"),
+    "has a digest with a line more": (manifest(card_sha256=f"{'0123456789abcdef' * 4}\n"), "card_sha256"),
     "has a nonce of its own making": (manifest(nonce="lucky"), "nonce"),
-    "has a name with a line more": (manifest(localizer="mine-v0\n"), "localizer"),
-    "takes the name of a registered localizer": (manifest(localizer="stay-v0"), "its card of"),
+    "has a name with a line more": (manifest(localizer="mine\n"), "localizer"),
+    "takes the name of a registered localizer": (manifest(localizer=STAY), "its card of"),
     "has the card of another": (card_of_another, "its card of"),
-    "leaves an environment out": (manifest(unsuitable={}), "lacks OfficeStride-v2"),
-    "has an environment more": (manifest(unsuitable={"OfficeStride-v2": "", "Moon-v0": ""}), "Moon-v0 is none of"),
+    "leaves an environment out": (manifest(unsuitable={}), "lacks ToyDeaf-v1"),
+    "has an environment more": (manifest(unsuitable={"ToyDeaf-v1": "", "Moon-v0": ""}), "Moon-v0 is none of"),
     "asks for a million seeds": (manifest(seeds=10**6), "seeds"),
     "draws and has one seed": (
         lambda m: manifest(seeds=1)(with_json(m, lambda p: p["environments"][0].update(deterministic=False))),
         "1 seeds",
     ),
-    "is nested without end": (lambda m: zipped(m | {"manifest.json": b'{"parameters":{"a":' + b"[" * 9000}), "deep"),
+    "is nested without end": (lambda m: zipped(m | {"manifest.json": b'{"isolation":[{"a":' + b"[" * 9000}), "deep"),
     # its walks
     "walks at half the pace": (record(period_s=0.5), "s between observations"),
     "has no period": (record(period_s=float("nan")), "manifest.json"),
-    "is of walks that only maintainers have": (record(split="heldout"), "split"),
     "leaves its worst walk out": (without_a_walk, "lacks walk"),
-    "has its best walk twice": (walk_twice, "twice|lacks"),
-    "has a walk that does not exist": (walk(walk="easy"), "the manifest lists it twice"),
-    "has fewer estimates than it says": (walk(rows=3), "are not those packed"),
+    "has its best walk twice": (walk_twice, "twice|lacks|are listed"),
+    "has a walk that does not exist": (walk(walk="easy"), "lacks walk"),
+    "has fewer estimates than it says": (walk(rows=3), "3 are listed"),
     "has more estimates than memory": (walk(rows=10**9), "rows"),
     "counts what is missing below nothing": (walk(missing={"nan": -1}), "missing"),
-    "has other estimates than it says": (walk(sha256="0123456789abcdef" * 4), "are not those packed"),
+    "has other estimates than it says": (record(estimates_sha256="0123456789abcdef" * 4), "digest"),
+    "has estimates that swell": (lambda m: zipped(estimates(m, SWELLS)), "does not inflate"),
     # its times
-    "took no number of seconds": (timed(reset_s=float("nan")), "run.json"),
-    "took less than no time": (timed(reset_s=-1.0), "reset_s"),
-    "took steps without end": (timed(step_times="9" * 400), "step_times"),
-    "failed with a book": (timed(failure="x" * 5000), "failure"),
+    "took no number of seconds": (walk(reset_s=float("nan")), "manifest.json"),
+    "took less than no time": (walk(reset_s=-1.0), "reset_s"),
+    "took steps without end": (walk(step_times="9" * 400), "step_times"),
+    "failed with a book": (walk(failure="x" * 5000), "failure"),
 }
 
 
@@ -240,7 +245,7 @@ def tree(packed: dict[str, Bundle], tmp_path_factory: pytest.TempPathFactory) ->
     table = signing.new_key(place / "maintainer.key", "M. Aintainer", SINCE)
     (place / "leaderboards" / "keys.toml").write_text(table)
     terms = Terms(nonce=SECOND_NONCE, secrets=(SECRET,), key=place / "maintainer.key")
-    (one,) = verify(packed["Wanders"], terms, isolation="none")
+    (one,) = verify(packed["Wanders"], terms)
     made = write_entry(place / "leaderboards", one.entry)
     assert read_entry(made).tier == "verified" and (made / "rerun.bin").is_file()
     return place
@@ -250,7 +255,7 @@ def tree(packed: dict[str, Bundle], tmp_path_factory: pytest.TempPathFactory) ->
 def folder(tree: Path, tmp_path: Path) -> Path:
     """A copy of that entry, to be changed."""
     shutil.copytree(tree, tmp_path, dirs_exist_ok=True)
-    return tmp_path / "leaderboards" / "BuildingSite-v1" / "wanders-v0"
+    return tmp_path / "leaderboards" / "Toy-v1" / "wanders"
 
 
 def signed_file(folder: Path) -> dict[str, str]:
@@ -284,32 +289,26 @@ def says_tier(folder: Path) -> None:
 
 def of_yesterday(folder: Path) -> None:
     plain = json.loads((folder / "submission.json").read_text())
-    plain["manifest"]["schema"] = 1
-    (folder / "submission.json").write_text(json.dumps(plain | {"tier": "verified", "verification": {"of": 1}}))
+    (folder / "submission.json").write_text(json.dumps(plain | {"schema": 1, "tier": "verified"}))
 
 
-def better(result: Result) -> coding.Whole:
+def better(results: Sequence[Result]) -> bytes:
     """Estimates that are 1 mm elsewhere."""
-    whole = coding.whole_numbers(result.estimates)
-    whole[0] += 10
-    return whole
+    wholes = [answers.whole_numbers(result.estimates) for result in results]
+    return b"".join(answers.encode(whole + np.array([[10], [0], [0], [0], [0], [0]])) for whole in wholes)
 
 
 def raise_score(folder: Path) -> None:
     """Other estimates under the record of those that were verified, every digest made to fit."""
-    entry = read_entry(folder)
-    wholes = [better(result) for result in entry.sent]
-    (folder / "estimates.bin").write_bytes(b"".join(map(coding.encode, wholes)))
+    content = better(read_entry(folder).sent)
+    (folder / "estimates.bin").write_bytes(content)
     plain = json.loads((folder / "submission.json").read_text())
-    for walk, whole in zip(plain["manifest"]["environments"][0]["walks"], wholes, strict=True):
-        walk["sha256"] = coding.digest(whole)
+    plain["environments"][0]["estimates_sha256"] = hashlib.sha256(content).hexdigest()
     (folder / "submission.json").write_text(json.dumps(plain))
 
 
 def raise_rerun(folder: Path) -> None:
-    entry = read_entry(folder)
-    wholes = [better(result) for result in entry.results]
-    (folder / "rerun.bin").write_bytes(b"".join(map(coding.encode, wholes)))
+    (folder / "rerun.bin").write_bytes(better(read_entry(folder).results))
 
 
 def own_keys(folder: Path) -> None:
@@ -385,11 +384,11 @@ def linked_entry(folder: Path) -> None:
 def renamed(folder: Path) -> None:
     """The entry of another, under a name of one's own."""
     plain = json.loads((folder / "submission.json").read_text())
-    card = card_toml(card_named("thief-v0"))
+    card = card_toml(card_named("thief"))
     (folder / "card.toml").write_bytes(card)
-    plain["manifest"] |= {"localizer": "thief-v0", "card_sha256": hashlib.sha256(card).hexdigest()}
+    plain |= {"localizer": "thief", "card_sha256": hashlib.sha256(card).hexdigest()}
     (folder / "submission.json").write_text(json.dumps(plain))
-    folder.rename(folder.with_name("thief-v0"))
+    folder.rename(folder.with_name("thief"))
 
 
 ENTRIES: dict[str, tuple[Callable[[Path], None], type[BundleError], str]] = {
@@ -415,16 +414,16 @@ ENTRIES: dict[str, tuple[Callable[[Path], None], type[BundleError], str]] = {
         "not of this text",
     ),
     "has other estimates than were verified": (raise_score, OtherEntryError, "entry_sha256"),
-    "has another second run than was signed": (raise_rerun, BundleError, "are not those packed"),
+    "has another second run than was signed": (raise_rerun, BundleError, "digest is another"),
     "lacks the second run": (lambda f: (f / "rerun.bin").unlink(), BundleError, "rerun.bin"),
     "is the entry of another": (renamed, OtherEntryError, "localizer"),
-    "has the record of another localizer": (by_maintainer(localizer="far-v0"), OtherEntryError, "localizer is far-v0"),
+    "has the record of another localizer": (by_maintainer(localizer="far"), OtherEntryError, "localizer is far"),
     "has the record of another environment": (by_maintainer(env="Easy-v0"), OtherEntryError, "env is Easy-v0"),
     "has the record of another suite": (by_maintainer(suite="easy-v0"), OtherEntryError, "suite is easy-v0"),
     "is verified without held-out walks": (by_maintainer(held_out=None), BundleError, "goes with held-out walks"),
-    "is reproduced in part": (by_maintainer(reran=1), BundleError, "only 1 of 4 runs"),
+    "is reproduced in part": (by_maintainer(reran=1), BundleError, "only 1 of 6 runs"),
     "is a spot check with a rank": (by_maintainer(tier="spot-checked"), BundleError, "goes with held-out walks"),
-    "has no times": (by_maintainer(runs=[]), BundleError, "4 walks are listed, 0 timed"),
+    "has no second run": (by_maintainer(walks=[]), BundleError, "goes with a second run"),
     "has runs that nobody counted": (
         lambda folder: signed_again(
             folder,
@@ -464,7 +463,7 @@ def test_a_record_is_of_one_entry_and_not_of_its_twin(folder: Path, packed: dict
     twin = write_entry(folder.parents[1], packed["Mine"].entries()[0])
     for name in ("verification.json", "rerun.bin"):
         shutil.copy(folder / name, twin / name)
-    with pytest.raises(OtherEntryError, match="localizer is wanders-v0, here it is mine-v0"):
+    with pytest.raises(OtherEntryError, match="localizer is wanders, here it is mine"):
         read_entry(twin)
 
 
@@ -498,7 +497,7 @@ def test_a_private_key_is_its_owners_alone(tmp_path: Path) -> None:
 
 def test_what_a_stranger_wrote_is_printed_harmlessly(packed: dict[str, Bundle], tmp_path: Path) -> None:
     """Control characters in a card are text of the card, and no command of a terminal."""
-    card = card_named("mine-v0", sensors_used=("po\x1b[2J\u202esition",))
+    card = card_named("mine", sensors_used=("po\x1b[2J\u202esition",))
     text = card_toml(card)
     changed = dataclasses.replace(
         packed["Mine"],

@@ -21,7 +21,7 @@ from pdrbench_leaderboard.verify import Terms, verify
 
 from .conftest import NONCE, SECRET, card_named
 
-ENV, WALKS = "BuildingSite-v1", 2
+ENV, WALKS = "Toy-v1", 2
 HERE = {"isolation": "none"}  # in this process: what is tested is the score
 HONEST = '''
 import json
@@ -40,7 +40,8 @@ class Honest:
         self.count, self.level = 0, briefing.building.levels[0]
 
     def step(self, observation):
-        self.xy_m = observation["position"][-1, 1:3]
+        rows = observation["position"]
+        self.xy_m = rows[-1, 1:3] if len(rows) else np.array([1.0, 0.0])
         return Estimate(xy_m=self.xy_m, level=self.level)
 
 
@@ -81,7 +82,7 @@ class Silent(Memorises):
 @pytest.fixture(scope="module")
 def suite() -> Iterator[Suite]:
     made = Suite(
-        name="memory-v0",
+        name="memory",
         summary="For one test.",
         seeds=2,
         metrics=("p75_level_penalised_m", "mean_m"),
@@ -113,8 +114,8 @@ def file(tmp_path: Path, suite: Suite) -> Path:
 def verified(file: Path, suite: Suite, terms: Terms, name: str) -> Entry:
     spec = f"{file}:{name}"
     suite_run = play_suite([spec], suite, nonce=NONCE, **HERE)[spec]
-    bundle = make_bundle(spec, card_named(f"{name.lower()}-v0"), suite, suite_run)
-    (one,) = verify(bundle, terms, **HERE)
+    bundle = make_bundle(spec, card_named(name.lower()), suite, suite_run)
+    (one,) = verify(bundle, terms)
     assert one.differences == () and one.entry.tier == "verified"
     return one.entry
 
@@ -127,11 +128,11 @@ def ranked(file: Path, suite: Suite, terms: Callable[..., Terms]) -> Board:
 
 def test_a_table_of_answers_is_perfect_in_public_and_does_not_rank_ahead(ranked: Board) -> None:
     standings = {standing.name: standing for standing in ranked.standings}
-    honest, memorises = standings["honest-v0"], standings["memorises-v0"]
-    assert memorises.metric(ranked.metric)["value"] < 0.5 < honest.metric(ranked.metric)["value"]
+    honest, memorises = standings["honest"], standings["memorises"]
+    assert memorises.metric(ranked.metric)["value"] < 0.2 < honest.metric(ranked.metric)["value"]
     assert memorises.rank is not None and honest.rank is not None and honest.rank < memorises.rank
     gap, other = memorises.gap, honest.gap
-    assert gap is not None and other is not None and gap > 5.0 > abs(other)
+    assert gap is not None and other is not None and gap > 3.0 > abs(other)
     text = table(ranked)
     assert f"+{gap:.2f}" in text or f"+{gap:.1f}" in text
 
@@ -144,11 +145,11 @@ def test_giving_up_where_it_was_never_seen_is_the_worst_answer(ranked: Board) ->
         assert recording.building is not None
         levels, (x0_m, y0_m, x1_m, y1_m) = recording.building.levels, recording.building.bounds_m()
         worst.append(float(np.hypot(x1_m - x0_m, y1_m - y0_m)) + 15.0 * (max(levels) - min(levels)))
-    for name in ("crashes-v0", "declines-v0"):
+    for name in ("crashes", "declines"):
         np.testing.assert_allclose(ranked.values[name], worst, rtol=1e-5)
     assert all((values <= np.asarray(worst) * 1.00001).all() for values in ranked.values.values())
-    assert [standing.name for standing in ranked.standings[-2:]] == ["crashes-v0", "declines-v0"]
+    assert [standing.name for standing in ranked.standings[-2:]] == ["crashes", "declines"]
     assert ranked.standings[-1].rank == ranked.standings[-2].rank
     text = table(ranked)
-    assert "`crashes-v0`: on held-out walks, 4 runs failed, each counted as the worst answer." in text
-    assert "`declines-v0`: on held-out walks, 4 runs were declined, each counted as the worst answer." in text
+    assert "`crashes`: on held-out walks, 4 runs failed, each counted as the worst answer." in text
+    assert "`declines`: on held-out walks, 4 runs were declined, each counted as the worst answer." in text

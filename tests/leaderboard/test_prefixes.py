@@ -17,10 +17,10 @@ from pdrbench.evaluation.process_run import play_in_child
 from pdrbench.evaluation.walk_job import plan_walks
 from pdrbench.process import Budget
 from pdrbench.registry import make_task
-from pdrbench.result import COMPLETE, OFFLINE, Result
+from pdrbench.result import COMPLETE, Result
 from pdrbench_leaderboard.prefixes import check_prefixes, first_difference
 
-ENV = "OfficeStride-v2"
+ENV = "Toy-v1"
 SOURCE = """
 import time
 
@@ -93,7 +93,7 @@ def whole(spec: str, nonce: str = "", walk: int = 0) -> Result:
     """The result of a walk that this process plays, so that a test can leak something into it."""
     budget = Budget(start_s=60.0)
     jobs = plan_walks(
-        {ENV: [spec]}, split="test", seeds=[2], walks=9, parameters={}, budget=budget, isolation="confined", nonce=nonce
+        {ENV: [spec]}, split="test", seeds=[2], walks=4, parameters={}, budget=budget, isolation="confined", nonce=nonce
     )
     return play_in_child(jobs[walk], {}, io.BytesIO())
 
@@ -101,7 +101,7 @@ def whole(spec: str, nonce: str = "", walk: int = 0) -> Result:
 @pytest.mark.parametrize("name", ["Honest", "Revises", "Breaks"])
 def test_a_localizer_that_knows_no_future_answers_beginnings_as_the_whole(file: Path, name: str) -> None:
     result = whole(f"{file}:{name}", nonce="5" * 32)
-    assert (result.division == OFFLINE) == (name == "Revises")
+    assert (result.revised is not None) == (name == "Revises")
     found = check_prefixes(result, np.random.default_rng(0), num_prefixes=2)
     assert found.difference is None
     assert len(set(found.lengths)) == 2
@@ -134,7 +134,6 @@ def test_no_limit_of_a_process_tells_how_long_the_walk_is(file: Path) -> None:
 def test_one_that_answers_by_the_clock_is_found(file: Path) -> None:
     difference = check_prefixes(whole(f"{file}:Watches"), np.random.default_rng(0), num_prefixes=1).difference
     assert difference is not None
-    assert difference.index == 0
 
 
 def test_held_out_walks_have_beginnings_too(file: Path) -> None:
@@ -155,7 +154,7 @@ def test_what_cannot_be_compared_is_an_error(file: Path) -> None:
         check_prefixes(dataclasses.replace(result, localizer=f"{changed}:Honest"), rng)
 
 
-def test_the_first_difference_is_the_first_bit_or_the_first_missing_answer(file: Path) -> None:
+def test_the_first_difference_is_the_first_answer_that_is_another_or_missing(file: Path) -> None:
     result = whole(f"{file}:Honest")
     estimates = result.estimates
     assert first_difference(estimates, cut(result, 9), 9) is None
@@ -163,7 +162,7 @@ def test_the_first_difference_is_the_first_bit_or_the_first_missing_answer(file:
     assert found is not None
     assert (found.index, np.isnan(found.prefix).all()) == (4, True)
     columns = estimates.columns[:, :9].copy()
-    columns[1, 6] = np.nextafter(columns[1, 6], np.inf)
+    columns[1, 6] += 2e-3
     other = dataclasses.replace(cut(result, 9), estimates=type(estimates).from_columns(estimates.t_s[:9], columns))
     found = first_difference(estimates, other, 9)
     assert found is not None

@@ -21,10 +21,10 @@ from pdrbench_leaderboard.entry import read_entry
 from pdrbench_leaderboard.pack import second_nonce
 from pdrbench_leaderboard.suites import Suite
 
-from .conftest import SECRET, card_named
+from .conftest import SECRET, STAY, card_named
 from .test_verify import tampered
 
-ENTRY = Path("BuildingSite-v1") / "wanders-v0"
+ENTRY = Path("Toy-v1") / "wanders"
 
 
 def call(*arguments: object) -> Result:
@@ -55,27 +55,27 @@ def test_what_a_stranger_named_does_nothing_to_the_terminal(tmp_path: Path) -> N
 
 
 def test_suites_and_a_card(small_suite: Suite) -> None:
-    (item,) = [item for item in call_json("suites")["items"] if item["id"] == "small-v0"]
-    assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v1"] == 2
+    (item,) = [item for item in call_json("suites")["items"] if item["id"] == "small-v1"]
+    assert item["id"] == "small-v1" and item["environments"]["Toy-v1"] == 3
     assert set(item["commitments"]) == set(item["environments"])
     assert all(digest in call("suites").stdout for digest in item["commitments"].values())
-    assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine-v0"')
+    assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine"')
 
 
 def test_pack_check_and_enter(small_suite: Suite, submitted: Path, tmp_path: Path) -> None:
     card = tmp_path / "card.toml"
-    card.write_bytes(card_toml(card_named("wanders-v0")))
-    common = ("pack", f"{submitted}:Wanders", "--suite", "small-v0", "--card", card, "--results", tmp_path / "walks")
+    card.write_bytes(card_toml(card_named("wanders")))
+    common = ("pack", f"{submitted}:Wanders", "--suite", "small-v1", "--card", card, "--results", tmp_path / "walks")
     (packed,) = call_json(*common, "--out", tmp_path / "x.pdrz")["bundles"]
-    assert packed["environments"] == ["BuildingSite-v1"]
-    assert (packed["runs"], packed["failed"]) == (4, 0)
-    assert list(packed["unsuitable"]) == ["OfficeStride-v2"]
+    assert packed["environments"] == ["Toy-v1"]
+    assert (packed["runs"], packed["failed"]) == (6, 0)
+    assert list(packed["unsuitable"]) == ["ToyDeaf-v1"]
     board = tmp_path / "board"
     checks = call_json("check", tmp_path / "x.pdrz", "--into", board)
     assert checks["pass"] and {check["kind"] for check in checks["checks"]} == {"rule", "flag"}
     assert (board / ENTRY / "submission.json").is_file()
     again = call(*common, "--into", tmp_path / "other")
-    assert "4 runs of 1 environments" in again.stdout and str(tmp_path / "other" / ENTRY) in again.stdout
+    assert "6 runs of 1 environments" in again.stdout and str(tmp_path / "other" / ENTRY) in again.stdout
     for name in ("card.toml", "estimates.bin"):
         assert (board / ENTRY / name).read_bytes() == (tmp_path / "other" / ENTRY / name).read_bytes()
 
@@ -85,10 +85,7 @@ def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, board: Pa
     secret.write_text(SECRET + "\n")
     printed = call_json("verify", file, "--rerun", "--secret", secret, "--key", key, "--into", board)
     (row,) = printed["entries"]
-    assert (row["tier"], row["found"], row["reran"], row["of"], row["deterministic"]) == (
-        *("verified", "verified"),
-        *(4, 4, False),
-    )
+    assert (row["tier"], row["found"], row["reran"], row["of"]) == ("verified", "verified", 6, 6)
     assert row["held_out"]["walks"] == 2 and row["held_out"]["metrics"]["mean_m"] > 0
     call("check", file, "--into", board)
     assert read_entry(board / ENTRY).tier == "verified"
@@ -114,23 +111,23 @@ def test_without_a_key_nothing_is_given_a_tier(file: Path, board: Path) -> None:
 
 def test_verify_refuses_different_estimates(packed: dict[str, Bundle], tmp_path: Path) -> None:
     path = tmp_path / "bad.pdrz"
-    path.write_bytes(write_bundle(tampered(packed["Wanders"], run=2, row=9, change=3)))
+    path.write_bytes(write_bundle(tampered(packed["Wanders"], run=2, change_m=0.5)))
     walk = packed["Wanders"].manifest.environments[0].walks[2].walk
     result = call("verify", path, "--rerun", "--into", tmp_path / "board")
     assert result.exit_code == 1
-    assert f"BuildingSite-v1, walk {walk}, seed 0" in str(result.exception)
+    assert f"Toy-v1: walk {walk}, seed 0" in str(result.exception)
     assert not (tmp_path / "board").exists()
 
 
 def test_an_entry_of_a_registered_localizer_can_be_verified(small_suite: Suite, board: Path, key: Path) -> None:
-    call_json("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v1", "--into", board)
-    folder = board / "BuildingSite-v1" / "stay-v0"
+    call_json("pack", STAY, "--suite", "small-v1", "--env", "Toy-v1", "--into", board)
+    folder = board / "Toy-v1" / STAY
     call_json("verify", folder, "--rerun", "--key", key, "--into", board)
     assert read_entry(folder).tier == "reproduced"
 
 
 def test_packing_goes_on_with_the_nonce_that_it_began_with(small_suite: Suite, tmp_path: Path) -> None:
-    common = ("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v1", "--results", tmp_path / "walks")
+    common = ("pack", STAY, "--suite", "small-v1", "--env", "Toy-v1", "--results", tmp_path / "walks")
     nonces = [
         call_json(*common, *options, "--into", tmp_path / f"board-{number}")["bundles"][0]["nonce"]
         for number, options in enumerate([(), (), ("--nonce", "new"), ("--nonce", "")])
@@ -141,7 +138,7 @@ def test_packing_goes_on_with_the_nonce_that_it_began_with(small_suite: Suite, t
 def test_names_of_others_are_kept(packed: dict[str, Bundle], file: Path, tmp_path: Path) -> None:
 
     call("check", file, "--into", tmp_path)
-    card = card_named("wanders-v0", authors=("Somebody Else",))
+    card = card_named("wanders", authors=("Somebody Else",))
     manifest = msgspec.structs.replace(
         packed["Wanders"].manifest, card_sha256=hashlib.sha256(card_toml(card)).hexdigest()
     )
@@ -158,7 +155,7 @@ def test_another_entry_of_the_same_name_and_authors_replaces_one_on_demand_only(
     """Whoever sends a bundle can write any author into its card."""
     call("check", file, "--into", tmp_path)
     path = tmp_path / "worse.pdrz"
-    path.write_bytes(write_bundle(tampered(packed["Wanders"], run=1, row=3, change=10_000)))
+    path.write_bytes(write_bundle(tampered(packed["Wanders"], run=1, change_m=1.0)))
     before = (tmp_path / ENTRY / "estimates.bin").read_bytes()
     assert "is another entry of this name" in str(call("check", path, "--into", tmp_path).exception)
     assert (tmp_path / ENTRY / "estimates.bin").read_bytes() == before
@@ -171,20 +168,20 @@ def test_another_entry_of_the_same_name_and_authors_replaces_one_on_demand_only(
     [
         (("pack",), "name a localizer"),
         (("pack", "--all"), "--into"),
-        (("pack", "stay-v0", "--suite", "nothing"), "no suite named"),
+        (("pack", STAY, "--suite", "nothing"), "no suite named"),
         (("pack", "my.py:Mine"), "submit card"),
-        (("pack", "stay-v0", "--card", "/nowhere/card.toml"), "cannot read"),
-        (("pack", "stay-v0", "--env", "BuildingSite-v1"), "--into"),
-        (("pack", "stay-v0", "--env", "Moon-v0"), "Moon-v0"),
+        (("pack", STAY, "--card", "/nowhere/card.toml"), "cannot read"),
+        (("pack", STAY, "--env", "Toy-v1"), "--into"),
+        (("pack", STAY, "--env", "Moon-v0"), "Moon-v0"),
         (("verify", "/nowhere.pdrz", "--secret", "/nowhere"), "--rerun"),
         (("verify", "/nowhere.pdrz", "--rerun", "--key", "/nowhere"), "cannot read the private key"),
         (("verify", "/nowhere.pdrz", "--rerun", "--secret", "/nowhere"), "cannot read the secret"),
-        (("pack", "stay-v0", "--nonce", "0123"), "a nonce has 32 digits"),
+        (("pack", STAY, "--nonce", "0123"), "a nonce has 32 digits"),
         (("verify", "/nowhere.pdrz", "--rerun"), "cannot read"),
     ],
 )
 def test_impossible_requests_are_errors_of_one_line(small_suite: Suite, arguments: tuple[str, ...], why: str) -> None:
-    options = () if "--suite" in arguments or arguments[0] != "pack" else ("--suite", "small-v0")
+    options = () if "--suite" in arguments or arguments[0] != "pack" else ("--suite", "small-v1")
     result = call(*arguments, *options)
     assert isinstance(result.exception, PdrbenchError)
     assert why in str(result.exception) and "\n" not in str(result.exception)

@@ -23,10 +23,10 @@ from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import OtherSecretError, Suite
 from pdrbench_leaderboard.verification import TIERS
 
-from .conftest import NONCE, SECRET, card_named
+from .conftest import NONCE, SECRET, STAY, card_named
 from .test_verify import tampered
 
-STAY = Path("BuildingSite-v1") / "stay-v0"
+PLACE = Path("Toy-v1") / STAY
 
 
 def run(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
@@ -39,18 +39,9 @@ def run(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
 
 @pytest.fixture(scope="module")
 def stays(small_suite: Suite) -> Bundle:
-    only = {"envs": ["BuildingSite-v1"], "isolation": "none"}
-    suite_run = play_suite(["stay-v0"], small_suite, nonce=NONCE, **only)["stay-v0"]  # type: ignore[arg-type]
-    return make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run)
-
-
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walks are played here: what is tested is which entries, and what becomes of them."""
-    apart = collection.verify_environment
-    monkeypatch.setattr(
-        collection, "verify_environment", lambda *given, **options: apart(*given, **options, isolation="none")
-    )
+    only = {"envs": ["Toy-v1"], "isolation": "none"}
+    suite_run = play_suite([STAY], small_suite, nonce=NONCE, **only)[STAY]  # type: ignore[arg-type]
+    return make_bundle(STAY, card_named(STAY), small_suite, suite_run)
 
 
 @pytest.fixture
@@ -66,15 +57,15 @@ def test_every_entry_is_verified_once(
     write_entry(board, stays.entries()[0])
     write_entry(board, packed["Wanders"].entries()[0])
     code, rows = run(*options)
-    assert code == 0 and rows[str(STAY)]["tier"] == "verified" and rows[str(STAY)]["held_out"]["walks"] == 2
-    stranger = rows["BuildingSite-v1/wanders-v0"]
+    assert code == 0 and rows[str(PLACE)]["tier"] == "verified" and rows[str(PLACE)]["held_out"]["walks"] == 2
+    stranger = rows["Toy-v1/wanders"]
     assert stranger["is_left_out"] and "verify the bundle that was sent" in stranger["why"]
-    entry = read_entry(board / STAY)
+    entry = read_entry(board / PLACE)
     assert entry.tier == "verified" and TIERS[-1] == "verified"
-    signed = (board / STAY / "verification.json").read_bytes()
+    signed = (board / PLACE / "verification.json").read_bytes()
     code, rows = run(*options)
-    assert code == 0 and rows[str(STAY)]["why"] == "verified already"
-    assert (board / STAY / "verification.json").read_bytes() == signed
+    assert code == 0 and rows[str(PLACE)]["why"] == "verified already"
+    assert (board / PLACE / "verification.json").read_bytes() == signed
 
 
 def test_what_a_revoked_key_has_signed_is_verified_anew(
@@ -86,9 +77,9 @@ def test_what_a_revoked_key_has_signed_is_verified_anew(
     keys = (board / "keys.toml").read_text() + "revoked = 2026-02-01\n"
     (board / "keys.toml").write_text(keys + signing.new_key(young, "M. Aintainer", datetime.date(2026, 2, 1)))
     with pytest.raises(signing.RevokedKeyError):
-        read_entry(board / STAY)
+        read_entry(board / PLACE)
     code, rows = run(*options[:-4], "--key", young, *options[-2:])
-    assert code == 0 and rows[str(STAY)]["tier"] == "verified" and read_entry(board / STAY).tier == "verified"
+    assert code == 0 and rows[str(PLACE)]["tier"] == "verified" and read_entry(board / PLACE).tier == "verified"
 
 
 def test_two_entries_of_one_localizer_are_both_verified(
@@ -112,30 +103,29 @@ def test_an_error_is_that_of_its_environment(
 
     write_entry(board, stays.entries()[0])
     monkeypatch.setattr(collection, "verify_environment", fails)
-    assert run(*options)[1][str(STAY)]["why"] == "the disk is full"
+    assert run(*options)[1][str(PLACE)]["why"] == "the disk is full"
 
 
 def test_an_entry_that_differs_is_refused_and_stays_as_it_is(
     stays: Bundle, board: Path, options: tuple[object, ...]
 ) -> None:
-    write_entry(board, tampered(stays, run=1, row=4, change=1).entries()[0])
+    write_entry(board, tampered(stays, run=1, change_m=5.0).entries()[0])
     code, rows = run(*options)
     walk = stays.manifest.environments[0].walks[1].walk
-    assert code == 1 and f"walk {walk}, seed 0: 1 of" in rows[str(STAY)]["why"]
-    assert read_entry(board / STAY).tier == "self-reported"
+    assert code == 1 and f"walk {walk}, seed 0: " in rows[str(PLACE)]["why"]
+    assert read_entry(board / PLACE).tier == "self-reported"
 
 
 def test_a_folder_of_another_suite_or_environment_is_left_alone(
     stays: Bundle, board: Path, options: tuple[object, ...]
 ) -> None:
     (entry,) = stays.entries()
-    manifest = msgspec.structs.replace(entry.submission.manifest, suite="pdr-core-v2")
-    submission = msgspec.structs.replace(entry.submission, manifest=manifest)
+    manifest = msgspec.structs.replace(entry.manifest, suite="pdr-core-v3")
     write_entry(board, entry)
-    assert run(*options, "--env", "OfficeStride-v2") == (0, {})
-    (board / STAY / "submission.json").write_bytes(msgspec.json.encode(submission))
+    assert run(*options, "--env", "ToyDeaf-v1") == (0, {})
+    (board / PLACE / "submission.json").write_bytes(msgspec.json.encode(manifest))
     code, rows = run(*options)
-    assert code == 1 and "every walk and seed" in rows[str(STAY)]["why"]  # two walks are too few for that suite
+    assert code == 1 and "no environment in pdr-core-v3" in rows[str(PLACE)]["why"]
 
 
 def test_a_key_that_nobody_lists_and_a_secret_of_no_suite_are_errors(

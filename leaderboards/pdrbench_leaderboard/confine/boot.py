@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import importlib
 import importlib.metadata
 import json
 import os
@@ -33,6 +34,7 @@ SYS_MOUNT_SETATTR: Final = 442  # on every architecture; Linux 5.12
 AT_FDCWD, AT_RECURSIVE = -100, 0x8000
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 1, 4, 36
 LENGTH_BYTES: Final = 4
+LAUNCHER: Final = "pdrbench_leaderboard.confine.launcher"  # which needs this module, and is what it becomes
 CAN_CONFINE: Final = sys.platform == "linux" and hasattr(os, "fork")
 LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True) if CAN_CONFINE else None
 
@@ -86,9 +88,9 @@ def main(descriptor: int) -> None:
         prctl(PR_SET_DUMPABLE, 0)  # no other process can read the launcher's memory
         prctl(PR_SET_CHILD_SUBREAPER, 1)  # orphans of its children become its own
     with _no_plug_ins():
-        from pdrbench_leaderboard.confine.launcher import serve
+        launcher_module: Any = importlib.import_module(LAUNCHER)
     _hide_data(orders, record)
-    serve(descriptor, orders, record)
+    launcher_module.serve(descriptor, orders, record)
 
 
 def _enter_namespace(name: str) -> None:

@@ -77,7 +77,7 @@ def launcher() -> Launcher:
 
 def test_a_registered_localizer_answers_the_same_confined() -> None:
     found = [
-        evaluate("dead_reckoning-v0", ENV, split="val", walks=1, isolation=kind, seeds=1).results[0]
+        evaluate("dead_reckoning", ENV, split="val", walks=1, isolation=kind, seeds=1).results[0]
         for kind in ("none", "confined")
     ]
     assert [result.status for result in found] == ["complete"] * 2, found[1].failure

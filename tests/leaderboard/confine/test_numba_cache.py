@@ -67,7 +67,7 @@ def test_preparing_and_loading_start_no_thread() -> None:
 @pytest.mark.parametrize(
     ("localizer", "named", "left_out"),
     [
-        ("stay-v0", set(), {"torch", "pandas", "scipy.signal"}),
+        ("stay", set(), {"torch", "pandas", "scipy.signal"}),
         ("learned", {"scipy.signal"}, {"torch"}),
     ],
 )

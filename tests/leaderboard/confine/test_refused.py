@@ -70,7 +70,7 @@ class Played(msgspec.Struct):
 def play() -> Played:
     """A walk as a worker plays it."""
     options: dict[str, Any] = {"budget": Budget(), "isolation": "confined"}
-    (job,) = plan_walks({ENV: ["stay-v0"]}, split="val", seeds=[0], walks=1, parameters={}, **options)
+    (job,) = plan_walks({ENV: ["stay"]}, split="val", seeds=[0], walks=1, parameters={}, **options)
     result = play_in_child(job, {}, io.BytesIO())
     isolation: Any = result.provenance["isolation"]
     return Played(result.status, result.failure, result.estimates.xy_m.tobytes(), **isolation)

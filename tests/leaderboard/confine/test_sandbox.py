@@ -345,7 +345,7 @@ def test_libraries_that_wheels_install_beside_a_package_are_readable(
 
 
 def test_only_builtin_localizers_may_cache_compiled_code() -> None:
-    ours = permissions_of("stay-v0", localizers()["stay-v0"].target)
+    ours = permissions_of("stay", localizers()["stay"].target)
     assert ours.is_builtin and ours.writable
 
 
@@ -359,7 +359,7 @@ def test_the_recorded_protections_of_this_system_are_complete() -> None:
     """On a kernel with every protection; elsewhere the record says which are missing."""
     from pdrbench.evaluation import evaluate
 
-    results = evaluate("stay-v0", "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="confined").results
+    results = evaluate("stay", "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="confined").results
     provenance = results[0].provenance
     isolation = provenance["isolation"]
     assert isinstance(isolation, dict)

@@ -100,15 +100,14 @@ class World:
             )
             for walk, offset_m in zip(WALKS, offsets_m, strict=False)
         )
-        row: dict[str, Any] = {"name": "mine-v0", "authors": ("A. Author",), "licence": "MIT", "training_data": "none"}
+        row: dict[str, Any] = {"name": "mine", "authors": ("A. Author",), "licence": "MIT", "training_data": "none"}
         row |= {"sensors_used": ("stride",), "map_used": False, "survey_used": False, "division": division}
         record = SimpleNamespace(env=ENV, walks=results)
-        manifest = SimpleNamespace(localizer=name, suite="corridors-v1", spec="file.py:Mine", environments=(record,))
-        run = SimpleNamespace(isolation=(), machine={})
+        facts = {"localizer": name, "suite": "corridors-v1", "spec": "file.py:Mine", "environments": (record,)}
+        manifest: Any = SimpleNamespace(**(facts | {"isolation": (), "machine": {}} | changes.pop("manifest", {})))
         tier = changes.pop("tier", "verified")
-        submission: Any = SimpleNamespace(**({"manifest": manifest, "run": run} | changes))
         verification = None if tier == "self-reported" else self.verification(name, results, tier)
-        return Entry(Card(**(row | dict(card or {}))), submission, results, results, verification)
+        return Entry(Card(**(row | dict(card or {}))), manifest, b"", results, results, verification)
 
     def verification(self, name: str, results: Sequence[Result], tier: str = "verified") -> Verification:
         """What maintainers found, with held-out walks as the public ones."""
@@ -127,7 +126,7 @@ class World:
             values=values,
         )
         return Verification(
-            schema=1,
+            schema=2,
             suite="corridors-v1",
             env=ENV,
             localizer=name,
@@ -137,9 +136,6 @@ class World:
             nonce="",
             reran=len(results),
             of=len(results),
-            is_deterministic=True,
-            core_sha256="3" * 64,
-            localizer_sha256="4" * 64,
             versions={},
             machine={},
             isolation=(),
@@ -153,6 +149,7 @@ class World:
 
 MODULES: Final = (
     "pdrbench.evaluation.scoring",
+    "pdrbench.evaluation.rows",
     "pdrbench.evaluation.tables",
     "pdrbench_leaderboard.ranking",
     "pdrbench_leaderboard.page_data",
@@ -163,6 +160,7 @@ def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     """Every module lives in this world."""
     for module in MODULES:
         monkeypatch.setattr(f"{module}.make_task", lambda *_, **__: world.task)
+    monkeypatch.setattr("pdrbench.evaluation.scoring.code_sha256", lambda _: "code")
     monkeypatch.setattr("pdrbench_leaderboard.ranking.find_suite", lambda _: SimpleNamespace(round_of=lambda _: ROUND))
     monkeypatch.setattr("pdrbench_leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
     monkeypatch.setattr("pdrbench_leaderboard.collection.rules", lambda _: [])
@@ -193,11 +191,11 @@ def make_five(world: World) -> Board:
     """A leader, two nearly equal entries, an offline one, one that chose its walks."""
     declined = [0.9] * 6 + [np.nan] * 6
     return world.board(
-        world.entry("far-v0", offsets(9.0, 1), {"survey_used": True, "sensors_used": ("stride", "wifi")}),
-        world.entry("near-v0", offsets(1.0, 2), {"map_used": True}),
-        world.entry("alike-v0", offsets(9.001, 3), {"sensors_used": ("wifi",)}),
-        world.entry("smooth-v0", offsets(0.5, 4), division=OFFLINE),
-        world.entry("choosy-v0", declined, tier="self-reported"),
+        world.entry("far", offsets(9.0, 1), {"survey_used": True, "sensors_used": ("stride", "wifi")}),
+        world.entry("near", offsets(1.0, 2), {"map_used": True}),
+        world.entry("alike", offsets(9.001, 3), {"sensors_used": ("wifi",)}),
+        world.entry("smooth", offsets(0.5, 4), division=OFFLINE),
+        world.entry("choosy", declined, tier="self-reported"),
     )
 
 
@@ -266,6 +264,6 @@ class Folder:
 
 @pytest.fixture
 def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, world: World) -> Folder:
-    names = ("near-v0", "far-v0")
+    names = ("near", "far")
     entries = {f"Corridor-v0/{name}": world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)}
     return Folder(monkeypatch, tmp_path, entries)

@@ -26,7 +26,7 @@ def test_build_writes_tables_and_the_site_and_check_agrees(
     site = tmp_path / "site"
     assert run("build", "--root", folder.root, "--out", site) == 0
     assert f"2 entries, 1 leaderboards; open {site / 'index.html'}" in capfd.readouterr().out
-    assert (site / "Corridor-v0" / "entries" / "far-v0.html").is_file()
+    assert (site / "Corridor-v0" / "entries" / "far.html").is_file()
     assert run("check", "--root", folder.root) == 0
     assert capfd.readouterr().out == "3 of 3 checks passed\n"
 
@@ -34,10 +34,10 @@ def test_build_writes_tables_and_the_site_and_check_agrees(
 def test_check_exits_1_and_names_the_entry(folder: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run("build", "--root", folder.root, "--out", tmp_path / "site")
     table = folder.root / "Corridor-v0" / "TABLE.md"
-    table.write_text(table.read_text().replace("| 2 | `far-v0`", "| 1 | `far-v0`"))
+    table.write_text(table.read_text().replace("| 2 | `far`", "| 1 | `far`"))
     capfd.readouterr()
     assert run("check", "--root", folder.root) == 1
-    assert "FAIL  Corridor-v0/TABLE.md: `far-v0` is not what the estimates give" in capfd.readouterr().out
+    assert "FAIL  Corridor-v0/TABLE.md: `far` is not what the estimates give" in capfd.readouterr().out
     assert run("check", "--root", folder.root, "--json") == 1
     checks = json.loads(capfd.readouterr().out)["checks"]
     assert [check["pass"] for check in checks] == [True, True, False]
@@ -48,7 +48,7 @@ def test_build_prints_as_json_what_it_wrote_and_what_it_left_out(
 ) -> None:
     assert run("build", "--root", folder.root, "--out", tmp_path / "site", "--json") == 0
     printed = json.loads(capfd.readouterr().out)
-    assert printed["boards"] == [{"env": "Corridor-v0", "entries": 2, "first": "near-v0"}] and printed["absent"] == {}
+    assert printed["boards"] == [{"env": "Corridor-v0", "entries": 2, "first": "near"}] and printed["absent"] == {}
     for name in folder.entries:
         folder.entries[name] = DatasetError("ilc20 is missing")
     assert run("build", "--root", folder.root, "--out", tmp_path / "site") == 0
@@ -56,7 +56,13 @@ def test_build_prints_as_json_what_it_wrote_and_what_it_left_out(
 
 
 def test_mistakes_are_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert run("check", "--root", tmp_path) == 1
-    assert capfd.readouterr().err.startswith(f"pdrbench: no entries in {tmp_path}; `pdrbench submit pack")
     assert run("serve", tmp_path) == 1
     assert "`pdrbench leaderboard build --out" in capfd.readouterr().err
+
+
+def test_without_entries_there_is_a_page_that_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    site = tmp_path / "site"
+    assert run("build", "--root", tmp_path, "--out", site) == 0
+    assert "There are no entries yet" in (site / "index.html").read_text()
+    assert run("check", "--root", tmp_path) == 0
+    assert capfd.readouterr().out.endswith("0 of 0 checks passed\n")

@@ -82,7 +82,6 @@ def test_costly_files_are_made_again_where_something_has_changed(
     made: list[str] = []
     plain = downloads.estimates_csv
     monkeypatch.setattr(downloads, "estimates_csv", lambda of: (made.append(of.name), plain(of))[1])
-    monkeypatch.setattr(site, "code_sha256", lambda env: "code")
     written = {path: path.read_bytes() for path in write_site([five], tmp_path)}
     assert len(made) == len(five) == 5
     assert {path: path.read_bytes() for path in write_site([five], tmp_path)} == written
@@ -149,7 +148,7 @@ def test_flags_and_what_a_maintainer_found_are_shown(
     write_site([world.board(dataclasses.replace(entry, verification=verification))], tmp_path)
     page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
     assert "keeps moving: 90% of walks &lt;stand&gt; still" in page and "<li>fine" not in page
-    assert "12 of 12 runs gave the same bytes" in page and f"<code>{'0' * 16}</code>" in page
+    assert "12 of 12 runs came to the same" in page and f"<code>{'0' * 16}</code>" in page
     assert re.search(r"1\.25 \(0\.\d\d–1\.\d\d\) m over 4 walks, \+0\.25 to the public ones", page)
     assert "1 run failed" in page and "1.00 (1.00–1.00) m on public ones" in page
 
@@ -172,16 +171,16 @@ def test_truth_is_published_for_generated_walks_only(make_world: Any, office: An
 
 def test_numbers_of_an_entry_are_those_of_its_scores(five: Board, tmp_path: Path) -> None:
     write_site([five], tmp_path)
-    data = received(tmp_path / "Corridor-v0" / "entries" / "near-v0.js")
+    data = received(tmp_path / "Corridor-v0" / "entries" / "near.js")
     shown = [walk["values"][RANKING] for walk in data["walks"]]
-    np.testing.assert_allclose(shown, five.values["near-v0"], atol=1e-6)
+    np.testing.assert_allclose(shown, five.values["near"], atol=1e-6)
     cdf = data["cdf"]
     assert cdf["share"] == sorted(cdf["share"]) and len(cdf["low"]) == len(cdf["share"]) == len(cdf["error_m"])
     assert all(low <= share <= high for low, share, high in zip(cdf["low"], cdf["share"], cdf["high"], strict=True))
     below_m = np.concatenate([scored.errors_m for scored in five.standings[1].scored])
     at = len(cdf["share"]) // 2
     assert cdf["share"][at] == pytest.approx(np.mean(below_m <= cdf["error_m"][at] + 1e-4), abs=0.02)
-    declined = received(tmp_path / "Corridor-v0" / "entries" / "choosy-v0.js")["walks"]
+    declined = received(tmp_path / "Corridor-v0" / "entries" / "choosy.js")["walks"]
     assert [walk["values"][RANKING] is None for walk in declined] == [False] * 6 + [True] * 6
     pairs = received(tmp_path / "Corridor-v0" / "pairs.js")
     assert len(pairs["rows"]) == len(five.pairs)
@@ -213,7 +212,7 @@ def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> Non
     write_site([five], tmp_path)
     board = json.loads((tmp_path / "Corridor-v0" / "board.json").read_text())
     assert [entry["localizer"] for entry in board["entries"]] == [standing.name for standing in five.standings]
-    assert board["entries"][1]["ahead_of"] == ["far-v0", "alike-v0"] and board["entries"][1]["rank"] == 1
+    assert board["entries"][1]["ahead_of"] == ["far", "alike"] and board["entries"][1]["rank"] == 1
     assert board["entries"][1]["metrics"][RANKING]["value"] == pytest.approx(1.0)
     rows = list(csv.DictReader(io.StringIO((tmp_path / "Corridor-v0" / "board.csv").read_text())))
     assert [row["localizer"] for row in rows] == [standing.name for standing in five.standings]
@@ -223,9 +222,9 @@ def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> Non
 
 def test_every_estimate_can_be_downloaded(five: Board, tmp_path: Path) -> None:
     write_site([five], tmp_path)
-    text = content_of(tmp_path / "Corridor-v0" / "entries" / "near-v0.csv.gz")
+    text = content_of(tmp_path / "Corridor-v0" / "entries" / "near.csv.gz")
     rows = list(csv.DictReader(io.StringIO(text)))
-    (standing,) = [standing for standing in five.standings if standing.name == "near-v0"]
+    (standing,) = [standing for standing in five.standings if standing.name == "near"]
     assert len(rows) == sum(len(result.estimates) for result in standing.entry.results)
     first = standing.entry.results[0]
     assert rows[0]["walk"] == first.walk and rows[0]["sigma_m"] == "" and float(rows[3]["t_s"]) == 3.0
@@ -235,15 +234,15 @@ def test_every_estimate_can_be_downloaded(five: Board, tmp_path: Path) -> None:
 
 
 def test_the_source_of_our_own_localizers_can_be_downloaded() -> None:
-    content = overview.source_archive("koeping2012-v0")
-    assert content is not None and content == overview.source_archive("koeping2012-v0")  # the same bytes
+    content = overview.source_archive("koeping2012")
+    assert content is not None and content == overview.source_archive("koeping2012")  # the same bytes
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         names = archive.namelist()
         sources = [archive.read(name).decode() for name in names]
-    assert len(names) > 1 and all(name.startswith("pdrbench_baselines/") for name in names)
-    target = localizers()["koeping2012-v0"].target.partition(":")[2]
+    assert names and all(name.startswith("pdrbench_baselines/") for name in names)
+    target = localizers()["koeping2012"].target.partition(":")[2]
     assert any(f"class {target}" in source for source in sources)
-    assert overview.source_archive("file.py:Mine") is None and overview.source_archive("nobody-v0") is None
+    assert overview.source_archive("file.py:Mine") is None and overview.source_archive("nobody") is None
 
 
 def test_a_suite_shows_every_localizer_on_every_environment(five: Board, tmp_path: Path) -> None:
@@ -252,14 +251,14 @@ def test_a_suite_shows_every_localizer_on_every_environment(five: Board, tmp_pat
     cells = re.findall(r'<td class="rank" style="--ahead:([0-9.]+)"><a href="../(\S+)" aria-label="([^"]+)"', page)
     assert [float(ahead) for ahead, _, _ in cells] == [0.0, 0.0, 0.5, 1.0]
     assert [label for _, _, label in cells] == [
-        "near-v0 on Corridor-v0: rank 1 of 3",
-        "smooth-v0 on Corridor-v0: rank o1 of 1",
-        "far-v0 on Corridor-v0: rank 2 of 3",
-        "alike-v0 on Corridor-v0: rank 3 of 3",
+        "near on Corridor-v0: rank 1 of 3",
+        "smooth on Corridor-v0: rank o1 of 1",
+        "far on Corridor-v0: rank 2 of 3",
+        "alike on Corridor-v0: rank 3 of 3",
     ]
-    assert page.index("alike-v0") < page.index("choosy-v0") and "not ranked: declined 6 of 12 walks" in page
-    page = (tmp_path / "localizers" / "near-v0.html").read_text()
-    assert "1 of 3" in page and "1.00" in page and "../Corridor-v0/entries/near-v0.html" in page
+    assert page.index("alike") < page.index("choosy") and "not ranked: declined 6 of 12 walks" in page
+    page = (tmp_path / "localizers" / "near.html").read_text()
+    assert "1 of 3" in page and "1.00" in page and "../Corridor-v0/entries/near.html" in page
 
 
 def test_the_index_names_the_best_of_each_division(five: Board, tmp_path: Path) -> None:
@@ -268,7 +267,7 @@ def test_the_index_names_the_best_of_each_division(five: Board, tmp_path: Path) 
         r"<td><a href=\"localizers/(\S+)\.html\">\1</a><span class=\"under\">(\S+)",
         (tmp_path / "index.html").read_text(),
     )
-    assert cells == [("near-v0", "1.00"), ("smooth-v0", "0.50")]
+    assert cells == [("near", "1.00"), ("smooth", "0.50")]
 
 
 @pytest.mark.parametrize(
@@ -309,7 +308,7 @@ def test_the_server_shows_the_site_to_this_machine_alone(five: Board, tmp_path: 
         assert server.server_address[0] == "127.0.0.1"
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with urllib.request.urlopen(f"http://127.0.0.1:{server.server_port}/Corridor-v0/index.html") as answer:
-            assert b"near-v0" in answer.read()
+            assert b"near" in answer.read()
         with pytest.raises(ResultError, match=r"cannot listen on port .*--port"):
             make_server(tmp_path, server.server_port)
         server.shutdown()

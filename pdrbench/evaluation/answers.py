@@ -1,12 +1,10 @@
-"""Estimates as a few kilobytes a walk: rounded to 0.1 mm and 0.1 mrad, differences of whole numbers, deflated.
+"""Answers as a few kilobytes a walk: rounded to 0.1 mm and 0.1 mrad, differences of whole numbers, deflated.
 
-What is compared and scored are the rounded numbers. Their digest is taken before deflating, so that it is the same
-whatever library deflates.
+What is stored, scored and submitted are the rounded numbers.
 """
 
 from __future__ import annotations
 
-import hashlib
 import struct
 import zlib
 from typing import Final
@@ -14,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.errors import BundleError
+from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
@@ -43,30 +41,13 @@ def whole_numbers(estimates: Estimates) -> Whole:
     return whole
 
 
-def from_whole_numbers(whole: Whole, period_s: float) -> Estimates:
-    """The rounded estimates, one every `period_s` from 0 on."""
+def from_whole_numbers(whole: Whole, t_s: FloatArray) -> Estimates:
+    """The rounded estimates, given at (N,) times."""
     columns = np.where(np.abs(whole) <= MAX_WHOLE, whole, 0).astype(np.float64) / SCALE[:, None]
     columns[whole == NAN] = np.nan
     columns[whole == PLUS] = np.inf
     columns[whole == MINUS] = -np.inf
-    return Estimates.from_columns(np.arange(whole.shape[1], dtype=np.float64) * period_s, columns)
-
-
-def rounded(estimates: Estimates, period_s: float) -> Estimates:
-    """What a bundle keeps of estimates.
-
-    Raises:
-        BundleError: They do not answer the observations at 0, `period_s`, 2 `period_s`, ...
-    """
-    kept = from_whole_numbers(whole_numbers(estimates), period_s)
-    if not np.array_equal(kept.t_s, estimates.t_s):
-        raise BundleError(f"estimates are not given every {period_s:g} s from 0 s on, so they cannot be packed")
-    return kept
-
-
-def digest(whole: Whole) -> str:
-    """Sha256 in hex of whole numbers."""
-    return hashlib.sha256(np.ascontiguousarray(whole, dtype="<i8").tobytes()).hexdigest()
+    return Estimates.from_columns(t_s, columns)
 
 
 def encode(whole: Whole) -> bytes:
@@ -80,22 +61,22 @@ def decode(content: bytes, what: str, begin: int = 0) -> tuple[Whole, int]:
     """The block at `begin` back as whole numbers, and where it ends; never inflates more than its header promises.
 
     Raises:
-        BundleError: It is no such block, or larger than a walk can be.
+        ResultError: It is no such block, or larger than a walk can be.
     """
     if len(content) - begin < HEADER.size:
-        raise BundleError(f"{what} is cut off: {len(content) - begin} bytes where a walk begins")
+        raise ResultError(f"{what} is cut off: {len(content) - begin} bytes where a walk begins")
     magic, rows, size, *planes = HEADER.unpack_from(content, begin)
     body = content[begin + HEADER.size : begin + HEADER.size + size]
     if magic != MAGIC or rows > MAX_ROWS or max(planes) > MAX_PLANES or size > MAX_BYTES or len(body) != size:
-        raise BundleError(f"{what} holds no estimates of this version, or they are cut off")
+        raise ResultError(f"{what} holds no estimates of this version, or they are cut off")
     expected = rows * sum(planes)
     inflater = zlib.decompressobj()
     try:
         raw = inflater.decompress(body, expected + 1)
     except zlib.error as error:
-        raise BundleError(f"{what} cannot be inflated: {error}") from None
+        raise ResultError(f"{what} cannot be inflated: {error}") from None
     if len(raw) != expected or not inflater.eof or inflater.unused_data:
-        raise BundleError(f"{what} does not inflate to the {expected} bytes that it promises")
+        raise ResultError(f"{what} does not inflate to the {expected} bytes that it promises")
     ends = np.cumsum([0, *planes]) * rows
     columns = [
         _unzigzag(np.frombuffer(raw[low:high], np.uint8).reshape(count, rows))
@@ -103,7 +84,7 @@ def decode(content: bytes, what: str, begin: int = 0) -> tuple[Whole, int]:
     ]
     whole = np.stack(columns)
     if ((whole < MINUS) | (whole > PLUS)).any() or not np.isin(whole[CONVERGED], (0, 1, NAN)).all():
-        raise BundleError(f"{what} holds numbers that no estimate is rounded to")
+        raise ResultError(f"{what} holds numbers that no estimate is rounded to")
     return whole, begin + HEADER.size + size
 
 
