@@ -17,8 +17,8 @@ import psutil
 from pdrbench.evaluation import evaluate, load_results, store
 
 WORKERS = 2
-PARTIAL = ("launcher", "worker", "child")  # where these end, the sweep goes on
-VICTIMS = ("launcher", "evaluator", "worker", "child", "group")
+PARTIAL = ("worker", "child")  # where these end, the sweep goes on
+VICTIMS = ("worker", "child", "group")
 SCRIPT = """
 import sys
 sys.path[:] = sys.argv[3].split(":")
@@ -86,11 +86,11 @@ class Victims:
             return
 
     def _kind(self, process: psutil.Process) -> str:
-        """A launcher and its child have the same command line: the launcher is the one that has children."""
+        """Of the processes that localizers are in, and of those that start them; "" of others."""
         try:
             command = " ".join(process.cmdline())
-            if "isolation/boot.py" in command:
-                return "launcher" if process.children() else "child"
+            if "pdrbench.process" in command:
+                return "child"
             return "worker" if "loky" in command and "resource_tracker" not in command else ""
         except psutil.NoSuchProcess:
             return ""
@@ -99,7 +99,7 @@ class Victims:
 def test_a_killed_sweep_loses_repeats_and_tears_no_result(
     localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator, orphans: Any
 ) -> None:
-    """`kill -9` of the evaluator, a worker, a launcher, a child or all of them, at random moments.
+    """`kill -9` of a worker, a child, or the evaluator and all of them, at random moments.
 
     A worker notes every walk that it begins. A walk that is stored when a process is killed is never begun again. Where
     the sweep goes on, the walk at hand has failed, with the answers given so far: it is not shown twice.
