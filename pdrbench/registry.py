@@ -41,7 +41,7 @@ EXCHANGES_GROUP = "pdrbench.exchanges"  # what reads task files, packs and expor
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
 WARM_UPS_GROUP = "pdrbench.warm_ups"
 LAUNCHERS_GROUP = "pdrbench.launchers"  # what starts processes of localizers, by the kind of isolation
-REPLAYED = "pdrbench.replays:replayed"  # a layer above: it needs sensors and attitudes
+HELD_OUT_GROUP = "pdrbench.held_out"  # what makes held-out walks of recordings, under "recorded"
 PROTOCOLS_GROUP = "pdrbench.protocols"  # how many walks and seeds an environment is played with
 
 Thing = TypeVar("Thing")
@@ -249,7 +249,7 @@ def make_task(name: str, secret: str | None = None) -> Task:
     Args:
         name: Id, a folder with a `task.toml`, that file itself, or `path/to/file.py:function`.
         secret: Adds the split "heldout", whose walks are drawn from it: others of their kind where walks are generated,
-            replays of test walks elsewhere; see `pdrbench.replays`.
+            replays of test walks, which the package with the leaderboards makes, elsewhere.
 
     Raises:
         UnknownNameError: It is not registered; suggests the nearest id.
@@ -264,7 +264,10 @@ def make_task(name: str, secret: str | None = None) -> Task:
     task = registered_task(name.removeprefix("pdrbench/")) if place is None else _task_at(place)
     if secret is None:
         return task
-    held_out: Task = (task.held_out or functools.partial(_load_target(REPLAYED, task.id), task))(secret)
+    if task.held_out is not None:
+        return task.held_out(secret)
+    replayed = find_entry(HELD_OUT_GROUP, "maker of held-out walks", "recorded").load()
+    held_out: Task = replayed(task, secret)
     return held_out
 
 

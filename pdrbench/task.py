@@ -80,7 +80,7 @@ class Task:
         folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
             made without its fold. A walk of another split may have one too. Empty: the task has no folds.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
-            the secret; None where walks are recorded, not generated: `pdrbench.replays` does it there. See
+            the secret; None where walks are recorded, not generated: the leaderboards replay them then. See
             `pdrbench.registry.make_task`.
     """
 

@@ -23,10 +23,10 @@ from pdrbench.metrics import score
 from pdrbench.radio import survey_of_readings
 from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorStream
 from pdrbench.registry import make_localizer, make_task
-from pdrbench.replays import NOISE, Disguise, Motion, replayed
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_leaderboard.replays import NOISE, Disguise, Motion, replayed
 
 SECRET, OTHER = "c0ffee" * 8, "decade" * 8
 MOTION = Motion(2.1, (37.0, -211.0))
