@@ -116,20 +116,15 @@ def test_memory_is_bounded(rng: np.random.Generator) -> None:
     assert (made[:100] == answers[:100])[:, :4].all() and abs(made[-1, 1] - 199) < 1.0
 
 
-@pytest.mark.parametrize(
-    ("name", "base", "environment"),
-    [
-        ("woodman2008", "woodman2008?revises=false", "OfficeStride-v2"),
-        ("learned_map", "learned_map?revises=false", "OfficePhone-v1"),
-    ],
-)
-def test_answers_on_the_way_are_those_of_the_filter(name: str, base: str, environment: str) -> None:
+def test_answers_on_the_way_are_those_of_the_filter() -> None:
     """Bit for bit: what is kept for the end draws no random number before it."""
-    task = make_task(environment)
+    task = make_task("OfficeStride-v2")
     recording = task.load(task.split("train")[0])
-    made, *others = make_localizer(name), make_localizer(base)
+    made, *others = make_localizer("woodman2008"), make_localizer("woodman2008?revises=false")
     online, before = (
-        play(localizer, Episode(recording, task).prefix(60), np.random.default_rng(5), name=name, seed=0).estimates
+        play(
+            localizer, Episode(recording, task).prefix(60), np.random.default_rng(5), name="woodman2008", seed=0
+        ).estimates
         for localizer in (made, *others)
     )
     np.testing.assert_array_equal(online.xy_m, before.xy_m)

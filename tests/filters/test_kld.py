@@ -8,8 +8,8 @@ from scipy.stats import chi2
 from pdrbench.filters.kld import kld_bound, normal_quantile
 
 
-@pytest.mark.parametrize("epsilon", [0.01, 0.05, 0.15])
-@pytest.mark.parametrize("delta", [0.001, 0.01, 0.05])
+@pytest.mark.parametrize("epsilon", [0.01, 0.15])
+@pytest.mark.parametrize("delta", [0.001, 0.05])
 def test_is_the_chi_square_quantile(epsilon: float, delta: float) -> None:
     # n = chi2(k - 1, 1 - delta) / (2 epsilon), Fox 2001. Wilson and Hilferty's approximation is off by 6 % at one
     # degree of freedom and this smallest delta, by 2 % at three, and by ever less; rounding up adds one at most.

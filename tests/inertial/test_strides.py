@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +9,9 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import (
     FootStates,
     Rest,
-    SamplePairs,
     StrideParams,
     StrideSegmenter,
     find_strides,
-    navigate,
 )
 
 RATE_HZ = 200.0
@@ -98,7 +95,7 @@ def test_a_sensor_turned_by_minus_alpha_needs_a_misalignment_of_alpha() -> None:
     np.testing.assert_allclose(strides.steps(alpha), [[1.2, 0, 0]], atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_cut_of_the_stream_does_not_matter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     states = walk(SQUARE * 3, list(rng.normal(0, 1, 15)))
@@ -168,24 +165,6 @@ def test_a_foot_that_rolls_on_while_it_stands_makes_no_stride() -> None:
         assert len(find_strides(states).length_m) == number
     strides = find_strides(walk(places[:2], [0.0] * 2, swing_s=0.1, rest_s=0.15))
     assert strides.length_m.tolist() == pytest.approx([1.4])
-
-
-RECORDED_SWINGS = {"foot_stride_gcp": (251, 3), "foot_stride_gcp_2": (228, 5)}
-
-
-@pytest.mark.parametrize("name", RECORDED_SWINGS)
-def test_recorded_feet_make_a_stride_a_swing(name: str, data_root: Path) -> None:
-    """Swings are those of the surveyed places, and of motion capture."""
-    from pdrbench_sim.readers import foot_stride_gcp
-
-    found = 0
-    for path in (data_root / name).rglob("*_LLIO.mat"):
-        rows = foot_stride_gcp.read(path).rows
-        pairs = SamplePairs().update(rows["accel"], rows["gyro"])
-        strides = find_strides(navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7]))
-        found += int((np.hypot(strides.length_m, strides.rise_m) > 0.05).sum())
-    swings, within = RECORDED_SWINGS[name]
-    assert abs(found - swings) <= within
 
 
 def test_no_stride_is_reported_before_the_filter_starts() -> None:

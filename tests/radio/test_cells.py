@@ -103,12 +103,6 @@ def test_a_union_of_cells_is_the_region_of_their_triangles(house: Building):
     assert len(cells.union(np.zeros(cells.num_cells, dtype=bool))) == 0
 
 
-def test_cells_are_kept_by_building(house: Building):
-    copy = Building(house.name, house.polygons, house.zones)
-    assert divide(house) is divide(copy, 8)
-    assert divide(house, 5.0) is not divide(house)
-
-
 @pytest.mark.parametrize("edge_m", [0.0, -1.0, float("nan"), float("inf")])
 def test_an_impossible_edge_is_refused(house: Building, edge_m):
     with pytest.raises(MapError, match="longest edge"):

@@ -119,11 +119,6 @@ def test_unknown_access_points_are_reported_and_do_not_count(seen: VisibilityMap
     assert start.region.area_m2 == pytest.approx(where(cells, EAST, ROOM))
 
 
-def test_of_two_readings_of_one_the_strongest_counts(seen: VisibilityMap):
-    start = seen.start([40, 10, 40], [-80.0, -60.0, -50.0])
-    assert (start.used.tolist(), start.dropped.tolist()) == ([40], [10])
-
-
 def test_scans_in_no_cell_are_counted_and_old_readings_belong_elsewhere(cells: Cells):
     stray = ((0, 2.5, 2.5), {50: -40.0}), ((4, 1.0, 1.0), {60: -40.0}), (WEST, {10: -40.0})  # in the pillar; no level 4
     seen = VisibilityMap.from_radio_map(cells, survey(*stray))

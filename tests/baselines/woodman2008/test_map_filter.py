@@ -236,11 +236,11 @@ import hashlib, numpy as np
 from pdrbench.building import FloorRegion
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_sim.buildings.office import make_office
-office = make_office(np.random.default_rng(7), num_levels=2, area_m2=1500.0)
+office = make_office(np.random.default_rng(7), num_levels=1, area_m2=500.0)
 particles = WoodmanFilter(office, np.random.default_rng(5))
 particles.start(FloorRegion.whole(office))
 digest = hashlib.sha256()
-for i in range(8):
+for i in range(4):
     particles.update(1.2, 0.0, 0.1)
     cloud = particles.cloud()
     for values in (cloud.xy_m, cloud.heading_rad, cloud.polygon, cloud.weight):
@@ -256,7 +256,7 @@ def _hash(threads: int) -> str:
 
 
 def test_same_bytes_whatever_the_number_of_threads() -> None:
-    digests = {_hash(threads) for threads in (1, 2, 3)}
+    digests = {_hash(threads) for threads in (1, 3)}
     assert len(digests) == 1
     assert len(digests.pop()) == len(hashlib.sha256().hexdigest())
 
@@ -278,7 +278,7 @@ def test_same_generator_same_bytes_and_no_global_randomness(office: Building) ->
 def test_what_is_handed_over_once_is_that_of_every_stride(office: Building, rng: np.random.Generator) -> None:
     """The same bytes as handed over anew for each stride, with starts, many particles and settings in between."""
     kept, anew = (WoodmanFilter(office, np.random.default_rng(5)) for _ in range(2))
-    for number in range(60):
+    for number in range(44):
         stride = float(rng.uniform(0.2, 1.4)), 0.0, float(rng.normal(0.0, 0.3))
         anew._few = None
         for particles in (kept, anew):
