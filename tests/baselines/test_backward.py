@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from pdrbench.episode import Episode, play, read_track
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
