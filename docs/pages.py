@@ -18,12 +18,10 @@ NETWORKS: Final = DOCS.parent / "baselines" / "pdrbench_baselines" / "learned"
 RECORDS: Final = {  # files and JSON whose fields are those of a record
     "A result: `Result`": ("pdrbench.result:Result",),
     "Where a localizer was: `Estimates`": ("pdrbench.trajectory:Estimates",),
-    "A bundle: `manifest.json` and `run.json`": (
+    "A bundle: `manifest.json`": (
         "pdrbench_leaderboard.manifest:Manifest",
         "pdrbench_leaderboard.manifest:EnvironmentRecord",
         "pdrbench_leaderboard.manifest:WalkRecord",
-        "pdrbench_leaderboard.manifest:RunRecord",
-        "pdrbench_leaderboard.manifest:WalkRun",
     ),
     "A card: `card.toml`": ("pdrbench_leaderboard.card:Card",),
     "What maintainers found: `verification.json`": ("pdrbench_leaderboard.verification:Verification",),
