@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from typing import IO, Any, Final, cast
 
@@ -19,10 +20,13 @@ from pdrbench.evaluation.walk_job import (
     refused,
 )
 from pdrbench.process.child_process import BEGUN, LaunchError
+from pdrbench.process.launch import find_launcher
 from pdrbench.process.localizer_process import LocalizerProcess, Terms
 from pdrbench.result import FAILED, UNSUITABLE, Result
+from pdrbench.task import Task
 
 SPENT: Final = "timeout: the localizer had spent its budget before this walk"
+REHEARSED: Final = ("val", "train")  # splits whose walks are public and not scored here
 MAX_LAUNCHES: Final = 3  # a walk over which the launcher is killed is given up after this many tries
 
 
@@ -57,15 +61,34 @@ def play_in_child(job: WalkJob, memory: dict[str, Any], note: IO[bytes], num_obs
     raise AssertionError
 
 
+def _rehearse(job: WalkJob, task: Task) -> None:
+    """Plays a public walk that is not scored, where the launcher wants it: what a localizer compiles then is kept.
+
+    Nothing of the walks that are scored is known to it, and what it does is nobody's result.
+    """
+    terms = Terms(cast(Any, job.isolation), job.budget, task.period_s, 1, is_rehearsal=True)
+    public = [walk for split in REHEARSED for walk in task.walks.get(split, ())]
+    if not public or not find_launcher(job.isolation).wants_rehearsal(terms.order(job.localizer, job.target)):
+        return
+    episode = Episode(task.load(public[0]), task)
+    localizer = _localizer(job, episode, dataclasses.replace(terms, num_steps=len(episode)))
+    with contextlib.suppress(PdrbenchError):
+        localizer.start()
+        play(localizer, episode, generator(job.seed, task, public[0], ""), name=job.localizer, seed=job.seed)
+    localizer.close()
+
+
+def _localizer(job: WalkJob, episode: Episode, terms: Terms) -> LocalizerProcess:
+    hides = job.split in HIDDEN_SPLITS
+    reference = None if hides else episode.recording.reference
+    return LocalizerProcess(job.localizer, job.target, parameters=job.parameters, terms=terms, reference=reference)
+
+
 def _play_once(job: WalkJob, episode: Episode, note: IO[bytes]) -> Result:
     """The walk in a child process; raises `LaunchError` where none of it has been shown to the localizer."""
-    terms = Terms(cast(Any, job.isolation), job.budget, episode.task.period_s, len(episode))
-    localizer = LocalizerProcess(
-        job.localizer,
-        job.target,
-        parameters=job.parameters,
-        terms=terms,
-        reference=None if job.split in HIDDEN_SPLITS else episode.recording.reference,
+    _rehearse(job, episode.task)
+    localizer = _localizer(
+        job, episode, Terms(cast(Any, job.isolation), job.budget, episode.task.period_s, len(episode))
     )
     status, failure = FAILED, ""
     try:

@@ -23,6 +23,7 @@ class LaunchOrder:
     target: str  # where its class is: `module:Class` or `/absolute/file.py:Class`, or a folder
     walk_s: float  # wall time that it has for a walk
     limits: Limits = field(default_factory=Limits)
+    is_rehearsal: bool = False  # whether what is compiled is kept for the walks to come
 
 
 class Process(Protocol):
@@ -80,6 +81,9 @@ class Launcher(Protocol):
     def check(self, localizer: str, target: str) -> None:
         """Raises `PdrbenchError` where it could start none for a localizer; called before anything is run."""
 
+    def wants_rehearsal(self, order: LaunchOrder) -> bool:
+        """Whether the localizer should play a walk that is not scored first, once, so that it compiles only then."""
+
     def launch(self, order: LaunchOrder, ends_s: float) -> Process:
         """A process in which no localizer has been made for this walk.
 
@@ -93,6 +97,10 @@ class PlainLauncher:
 
     def check(self, localizer: str, target: str) -> None:
         """Everything can be run."""
+
+    def wants_rehearsal(self, order: LaunchOrder) -> bool:
+        """A process stays, and with it what it has compiled."""
+        return False
 
     def launch(self, order: LaunchOrder, ends_s: float) -> Process:
         """A warm process, or a new one."""

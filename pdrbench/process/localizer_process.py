@@ -51,6 +51,11 @@ class Terms:
     period_s: float  # time between observations of the walk
     num_steps: int  # observations of the walk
     limits: Limits = field(default_factory=Limits)  # limits of its other resources
+    is_rehearsal: bool = False  # whether the walk is not scored, and what is compiled is kept for those that are
+
+    def order(self, localizer: str, target: str) -> LaunchOrder:
+        """What a launcher is asked for."""
+        return LaunchOrder(localizer, target, self.budget.walk_s, self.limits, self.is_rehearsal)
 
 
 class LocalizerProcess:
@@ -185,7 +190,7 @@ class LocalizerProcess:
 
     def _construct(self) -> messages.Ready | messages.Stale:
         """Has a process make the localizer."""
-        order = LaunchOrder(self._name, self._target, self._terms.budget.walk_s, self._terms.limits)
+        order = self._terms.order(self._name, self._target)
         began_s = time.monotonic()
         try:
             launcher = find_launcher(self._terms.isolation)

@@ -133,12 +133,17 @@ def _mount_tree(orders: dict[str, Any]) -> None:
     check(LIBC.mount(b"none", b"/", None, MS_PRIVATE_TREE, None))
     check(_set_attributes("/", MS_RDONLY, 0, AT_RECURSIVE))
     mount_scratch(orders)
+    _mount_limited(orders, orders["compiled"])
 
 
 def mount_scratch(orders: dict[str, Any]) -> None:
     """An empty file system of limited size over the scratch folder; raises `OSError`."""
+    _mount_limited(orders, orders["scratch"])
+
+
+def _mount_limited(orders: dict[str, Any], folder: str) -> None:
     size = f"size={orders['scratch_bytes']},nr_inodes={orders['scratch_files']},mode=700".encode()
-    check(LIBC.mount(b"tmpfs", orders["scratch"].encode(), b"tmpfs", MS_NOSUID | MS_NODEV | MS_NOEXEC, size))
+    check(LIBC.mount(b"tmpfs", folder.encode(), b"tmpfs", MS_NOSUID | MS_NODEV | MS_NOEXEC, size))
 
 
 def _hide(folders: Sequence[str]) -> None:

@@ -65,8 +65,9 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
         with contextlib.suppress(EOFError, ConnectionError):
             launcher.run()
         launcher.end()
-    boot.leave_scratch(orders["scratch"])
-    shutil.rmtree(orders["scratch"], ignore_errors=True)
+    for folder in (orders["scratch"], orders["compiled"]):
+        boot.leave_scratch(folder)
+        shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)
 
 
@@ -85,12 +86,14 @@ class _Launcher:
 
     def run(self) -> None:
         """One order after the other."""
-        send(self._control, {"ready": True})
+        send(self._control, {"held": self._record.held})
         while True:
             order, descriptors = receive(self._control, NUM_PIPES + 1)
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
                 self._import_builtins(order["fork"]["builtins"])
+                if order["fork"]["is_rehearsal"]:
+                    os.makedirs(order["fork"]["compiled"], exist_ok=True)  # noqa: PTH103
                 if order["fork"]["calls_compiled"]:
                     numba_cache.prepare()
                 self._child = child = self._fork(order["fork"], descriptors)
@@ -186,8 +189,10 @@ class _Launcher:
         os.dup2(output, 2)
         os.chdir(self._orders["scratch"])
         detach(record, FileLimits(**order["files"]), order["memory_mb"], order["cpu_s"])
-        if order["own_cache"]:
+        if order["own_cache"] or order["is_rehearsal"]:
             numba_cache.enable_writing()
+        if order["compiled"]:
+            numba_cache.keep_all(order["compiled"])
         close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
         if ruleset is not None:
             ruleset.read(f"/proc/{os.getpid()}/maps")  # not what says which pages of a file were in memory before

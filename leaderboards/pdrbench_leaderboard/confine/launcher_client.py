@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
+import hashlib
 import math
 import os
 import socket
@@ -44,6 +45,8 @@ class Launcher:
         self.limits, self.files = limits, files
         self._owner = os.getpid()
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
+        self._compiled = tempfile.mkdtemp(prefix="pdrbench-compiled-")  # by localizer: see `rehearsed`
+        self.rehearsed: set[str] = set()  # targets, with when they were changed, that have played a walk before
         self._builtins: set[str] = set()
         self._has_ended = False
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
@@ -71,6 +74,7 @@ class Launcher:
             {
                 "path": [str(Path(place or os.curdir).absolute()) for place in sys.path],
                 "scratch": self._scratch,
+                "compiled": self._compiled,
                 "scratch_bytes": files.scratch_mb * MEBIBYTE,
                 "scratch_files": files.scratch_files,
                 "hidden": sorted(hidden_places()),
@@ -86,17 +90,32 @@ class Launcher:
         """False once it has ended, or no longer answers."""
         return not self._has_ended and self._process.poll() is None
 
-    def fork(self, permissions: ReadPermissions, cpu_s: float) -> ConfinedProcess:
-        """A new child, whose processor time is limited."""
+    def compiled_folder(self, name: str) -> str:
+        """Where the compiled functions of a localizer lie that has been rehearsed under this name."""
+        return f"{self._compiled}/{hashlib.sha256(name.encode()).hexdigest()[:16]}"
+
+    def fork(
+        self, permissions: ReadPermissions, cpu_s: float, compiled: str = "", *, is_rehearsal: bool = False
+    ) -> ConfinedProcess:
+        """A new child, whose processor time is limited.
+
+        Args:
+            permissions: What it may open.
+            cpu_s: Its processor time.
+            compiled: Folder of its compiled functions; empty where there is none.
+            is_rehearsal: Whether it may write there; else it may read.
+        """
         requests_in, requests = os.pipe()
         replies, replies_out = os.pipe()
         output, output_out = os.pipe()
         group = self._make_group()
         theirs = (requests_in, replies_out, output_out)
         order = {
-            "readable": permissions.readable,
+            "readable": [*permissions.readable, *([compiled] if compiled else [])],
             "listed": permissions.listed,
-            "writable": permissions.writable,
+            "writable": [*permissions.writable, *([compiled] if is_rehearsal else [])],
+            "compiled": compiled,
+            "is_rehearsal": is_rehearsal,
             "own_cache": permissions.is_builtin,
             "files": asdict(self.files),
             "memory_mb": self.limits.memory_mb,
@@ -153,6 +172,9 @@ class Launcher:
         with contextlib.suppress(OSError):  # the launcher has removed it where it ended by itself
             scratch.empty(self._scratch)
             os.rmdir(self._scratch)  # noqa: PTH106
+        scratch.empty(self._compiled)
+        with contextlib.suppress(OSError):
+            os.rmdir(self._compiled)  # noqa: PTH106
 
     def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
         try:
@@ -165,7 +187,8 @@ class Launcher:
     def _start(self, orders: dict[str, Any]) -> None:
         self._control.settimeout(START_S)
         try:
-            self._ask(orders)
+            answer, _ = self._ask(orders)
+            self.held: list[str] = answer["held"]  # protections by its namespaces
         except LaunchError as error:
             raise LaunchError(f"no process for localizers can be started: {self._last_error_line()}") from error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Final
 
 from pdrbench.errors import PdrbenchError
@@ -35,6 +36,14 @@ class ConfinedLauncher:
             raise PdrbenchError("localizers are confined on Linux only: run it there, or without --confined")
         permissions_of(localizer, target)
 
+    def wants_rehearsal(self, order: LaunchOrder) -> bool:
+        """For a stranger's localizer that compiles; where nothing limits the size of what it compiles, for none."""
+        permissions = permissions_of(order.localizer, order.target)
+        if permissions.is_builtin or "numba" not in {name.partition(".")[0] for name in permissions.imports}:
+            return False
+        launcher = warm_launcher(order.limits, self._files, permissions.packages)
+        return "scratch-limited" in launcher.held and _version(order.target, permissions) not in launcher.rehearsed
+
     def launch(self, order: LaunchOrder, ends_s: float) -> ConfinedProcess:
         """A process that has given up what it may not do.
 
@@ -49,7 +58,12 @@ class ConfinedLauncher:
             launcher.preload_builtin(order.target.partition(":")[0])
         else:
             _compile_toolbox(permissions)
-        process = launcher.fork(permissions, CPU_PER_WALL * order.walk_s)  # nothing of the walk may be in it
+        name = _version(order.target, permissions)
+        if order.is_rehearsal:
+            launcher.rehearsed.add(name)
+        compiled = launcher.compiled_folder(name) if name in launcher.rehearsed else ""
+        cpu_s = CPU_PER_WALL * order.walk_s  # nothing of the walk may be in it
+        process = launcher.fork(permissions, cpu_s, compiled, is_rehearsal=order.is_rehearsal)
         try:
             started = read_reply(process.receive(max(ends_s, time.monotonic() + 1.0), MAX_REPLY_BYTES), 0, Started)
         except (LateError, EndedError, ProtocolError) as error:
@@ -63,6 +77,12 @@ class ConfinedLauncher:
             process.release()
             raise PdrbenchError(f"confinement was asked for, and the system denies {' and '.join(lacking)}")
         return process
+
+
+def _version(target: str, permissions: ReadPermissions) -> str:
+    """A localizer as its sources are now."""
+    changed_ns = [Path(place).stat().st_mtime_ns for place in permissions.own if Path(place).is_file()]
+    return f"{target} {changed_ns}"
 
 
 def _compile_toolbox(permissions: ReadPermissions) -> None:

@@ -57,6 +57,22 @@ def read_only(folder: str) -> None:
     setattr(caching._CacheLocator, "ensure_cache_path", _accept_folder)  # noqa: B010
 
 
+def keep_all(folder: str) -> None:
+    """From now on functions that are declared are looked for in a folder, whether they ask for a cache or not.
+
+    It holds what the same localizer compiled in a rehearsal, and nothing of another one.
+    """
+    setattr(config, "CACHE_DIR", folder)  # noqa: B010
+    declare = Dispatcher.__init__
+
+    def declare_cached(self: Any, *given: Any, **options: Any) -> None:
+        declare(self, *given, **options)
+        with contextlib.suppress(RuntimeError):  # of a function without a source there is none
+            self.enable_caching()
+
+    setattr(Dispatcher, "__init__", declare_cached)  # noqa: B010
+
+
 @functools.cache
 def compile_package(name: str) -> None:
     """Compiles a package of our distribution in this process, which may write the cache, once; others are left."""

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.confinement
 ENV = "OfficeStride-v2"
 STRANGER = """
     import os
+    import numba
     import numpy as np
     from pdrbench.localizer import Estimate
 
@@ -31,6 +32,17 @@ STRANGER = """
     class Stays:
         def reset(self, briefing, rng): pass
         def step(self, observation): return Estimate(np.zeros(2), -2)
+
+    @numba.njit
+    def triple(x):
+        return 3.0 * x
+
+    class Compiles(Stays):
+        '''Answers how often it has compiled in this process, and how often it found what was compiled before.'''
+        def revise(self):
+            triple(2.0)
+            misses, hits = (sum(count.values()) for count in (triple.stats.cache_misses, triple.stats.cache_hits))
+            return np.array([[0.0, float(misses), float(hits), 0.0]])
 
     class Leaves(Stays):
         '''Reports what it finds, and leaves traces.'''
@@ -84,6 +96,13 @@ def test_a_registered_localizer_answers_the_same_confined() -> None:
     assert found[0].estimates.xy_m.tobytes() == found[1].estimates.xy_m.tobytes()
 
 
+def test_a_localizer_compiles_in_a_rehearsal_and_in_none_of_its_walks(stranger: Path) -> None:
+    results = evaluate(f"{stranger}:Compiles", ENV, split="test", walks=3, isolation="confined", seeds=1).results
+    online = [result for result in results if result.division == "online"]
+    assert [result.status for result in online] == ["complete"] * 3, online[0].failure
+    assert [result.revised.xy_m[0].tolist() for result in online if result.revised] == [[0.0, 1.0]] * 3
+
+
 def test_every_walk_begins_in_a_fresh_interpreter_and_an_empty_folder(
     start: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,14 +133,14 @@ def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start) -> None:
 
 def test_a_launcher_leaves_no_folder_whether_it_is_ended_or_orphaned(start: Start) -> None:
     start("Stays").close()
-    scratch = Path(launcher()._scratch)
-    assert scratch.is_dir()
+    folders = [Path(launcher()._scratch), Path(launcher()._compiled)]
+    assert all(folder.is_dir() for folder in folders)
     discard()
-    assert not scratch.exists()
+    assert not any(folder.exists() for folder in folders)
     start("Stays").close()
     orphan = launcher()
-    scratch = Path(orphan._scratch)
+    folders = [Path(orphan._scratch), Path(orphan._compiled)]
     orphan._control.close()  # as the kernel does for a process that was killed
     orphan._process.wait(20)
-    assert not scratch.exists()
+    assert not any(folder.exists() for folder in folders)
     discard()
