@@ -31,7 +31,9 @@ def bench(
         summaries = {name: _summary(found.load()) for name, found in entries(BENCHES_GROUP).items()}
         if as_json:
             return print_json({"items": [{"id": name, "summary": text} for name, text in summaries.items()]})
-        return print_table({"id": {"no_wrap": True}, "summary": {"ratio": 1}}, [*summaries.items()])
+        return print_table(
+            {"id": {"no_wrap": True}, "summary": {"ratio": 1}}, [[name, text] for name, text in summaries.items()]
+        )
     entry = find_entry(BENCHES_GROUP, "bench", what)
     with answer_only(as_json):
         rows = entry.load()(quick, lambda doing: note(f"{what}: {doing}"))

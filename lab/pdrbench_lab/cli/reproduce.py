@@ -115,7 +115,12 @@ def _print_registered(as_json: bool) -> None:
             )
     if as_json:
         return print_json({"items": items + [{"id": key, "broken": why} for key, why in reasons.items()]})
-    head = {"id": {"no_wrap": True}, "from": {"no_wrap": True}, "claims": {"justify": "right"}, "paper": {"ratio": 1}}
+    head: dict[str, dict[str, Any]] = {
+        "id": {"no_wrap": True},
+        "from": {"no_wrap": True},
+        "claims": {"justify": "right"},
+        "paper": {"ratio": 1},
+    }
     print_table(head, [[item["id"], item["package"], str(item["claims"]), item["paper"]] for item in items])
     for key, why in reasons.items():
         note(f"broken: {key}: {why}")

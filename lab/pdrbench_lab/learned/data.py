@@ -361,10 +361,6 @@ def load_or_gather(
 
 
 def _made_with(kinds: tuple[str, ...]) -> dict[str, str]:
-    """Versions, and the digests that environments have of whatever their walks are made from."""
-    from pdrbench.registry import make_task
-
+    """Versions of packages, and the id of the environment that a source takes its walks from."""
     versions = {name: version(name) for name in ("pdrbench", "numpy", "scipy")}
-    return versions | {
-        ENVIRONMENTS[kind]: make_task(ENVIRONMENTS[kind]).sha256 for kind in kinds if kind in ENVIRONMENTS
-    }
+    return versions | {kind: ENVIRONMENTS[kind] for kind in kinds if kind in ENVIRONMENTS}

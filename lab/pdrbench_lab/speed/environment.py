@@ -51,7 +51,7 @@ def run(quick: bool, report: Callable[[str], None]) -> list[Timing]:
     task = made_up_task()
     rounds = 2 if quick else 8
     action, actions = np.zeros(3), np.zeros((NUM_ENVS, 3))
-    gymnasium.register("pdrbench-bench/Empty-v0", EmptyEnv)
+    gymnasium.register("pdrbench-bench/Empty-v0", lambda **options: EmptyEnv())
     gymnasium.register("pdrbench-bench/Walk-v0", lambda **options: LocalizationEnv(task, **options))
     report("steps of an environment")
     empty_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Empty-v0"), action), rounds)

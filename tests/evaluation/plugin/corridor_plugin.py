@@ -17,7 +17,6 @@ ENVIRONMENTS = {
     "Corridor-v0": "corridor_plugin:task",
     "CorridorLost-v0": "corridor_plugin:lost_task",
     "CorridorUnpinned-v0": "corridor_plugin:unpinned_task",
-    "CorridorFolds-v0": "corridor_plugin:folds_task",
 }
 LOCALIZERS: dict[str, str] = {}
 WALKS = {
@@ -69,16 +68,6 @@ def lost_task() -> Task:
 
 def unpinned_task() -> Task:
     return dataclasses.replace(task(), id="CorridorUnpinned-v0")
-
-
-def folds_task() -> Task:
-    """Seven walks of train in four sessions."""
-    train = tuple(f"train-{i}" for i in range(7))
-    units = (
-        {walk: f"session {i // 2}" for i, walk in enumerate(train)} | {"val-0": "v"} | dict.fromkeys(WALKS["test"], "t")
-    )
-    walks = {**WALKS, "train": train}
-    return dataclasses.replace(task(), id="CorridorFolds-v0", walks=walks, units=units)
 
 
 def note_load(walk: str) -> None:

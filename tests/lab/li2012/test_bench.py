@@ -17,7 +17,7 @@ def test_both_detectors_find_the_same_steps() -> None:
 
 def test_rows_of_step_detection() -> None:
     rows = {row.name: row for row in phone._detection(20.0, 5)}
-    assert rows["steps"].value > 0 and rows["steps"].ratio is not None and rows["steps"].ratio > 1
+    assert rows["steps"].value > 0 and rows["steps"].ratio is not None
     assert rows["steps_real_time"].value > 10
 
 

@@ -21,7 +21,8 @@ import pytest
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
 from pdrbench.evaluation.jobs import JobContext
 from pdrbench.evaluation.scheduler import run_all
-from pdrbench.registry import REPRODUCTIONS_GROUP, PluginError, entries
+from pdrbench.registry import PluginError
+from pdrbench_lab import REPRODUCTIONS
 from pdrbench_lab.reproduce.experiments import measure, plain_numbers, plan_experiments
 from pdrbench_lab.reproduce.reproduce import draw_figures, load_reproduction, reproduce
 from pdrbench_lab.reproduce.reproduction import (
@@ -224,7 +225,7 @@ def test_unknown_and_broken_names() -> None:
         reproduce(TOY, "nowhere", seeds=0)
 
 
-@pytest.mark.parametrize("name", sorted(entries(REPRODUCTIONS_GROUP)))
+@pytest.mark.parametrize("name", sorted(REPRODUCTIONS))
 def test_registered_reproductions_load(name: str) -> None:
     found, _ = load_reproduction(name)
     assert found.claims and all(claim.id and claim.what and claim.paper for claim in found.claims)

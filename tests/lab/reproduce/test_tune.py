@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,22 +9,29 @@ import pandas as pd
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.registry import make_task
 from pdrbench_lab.reproduce.tune import folds_of, grid, tune
+from pdrbench_lab.speed.environment import made_up_task
 
-SEALED = "CorridorFolds-v0"
+ENV = "Folds-v1"
 WALKS = [f"train-{i}" for i in range(7)]
+SESSIONS = {walk: f"session {i // 2}" for i, walk in enumerate(WALKS)}
+TASK = replace(made_up_task(), id=ENV, walks={"train": tuple(WALKS)}, units=SESSIONS, unit_kind="session")
 # Error of each candidate on the walks of train: each of the first two is best on one half only.
 ERRORS_M = {"a": [0, 0, 0, 0, 9, 9, 9], "b": [9, 9, 9, 9, 0, 0, 0], "c": [4, 4, 4, 4, 5, 5, 5]}
 
 
+@pytest.fixture(autouse=True)
+def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdrbench_lab.reproduce.tune.make_task", lambda _: TASK)
+
+
 def test_folds_are_whole_units_and_balanced() -> None:
-    fold = folds_of(make_task(SEALED), 2)
+    fold = folds_of(TASK, 2)
     assert list(fold) == WALKS
     assert [fold[walk] for walk in WALKS] == [0, 0, 1, 1, 0, 0, 1]
-    assert len(set(folds_of(make_task(SEALED), 4).values())) == 4
+    assert len(set(folds_of(TASK, 4).values())) == 4
     with pytest.raises(PdrbenchError, match="has 4 units in train"):
-        folds_of(make_task(SEALED), 5)
+        folds_of(TASK, 5)
 
 
 def test_the_figure_is_that_of_walks_that_had_no_part_in_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,7 +40,7 @@ def test_the_figure_is_that_of_walks_that_had_no_part_in_the_choice(monkeypatch:
     monkeypatch.setattr(
         "pdrbench_lab.reproduce.tune.folds_of", lambda *_: dict(zip(WALKS, [0] * 4 + [1] * 3, strict=True))
     )
-    found = tune("x", SEALED, grid({"which": list(ERRORS_M)}), folds=2)
+    found = tune("x", ENV, grid({"which": list(ERRORS_M)}), folds=2)
     assert found.chosen == (1, 0)  # without fold 0 it is b, without fold 1 it is a
     assert found.value == 9.0 and (found.left_out == 9.0).all()
     assert found.final == 0  # on all walks a has 27 / 7, b 36 / 7, c 31 / 7
@@ -41,17 +49,17 @@ def test_the_figure_is_that_of_walks_that_had_no_part_in_the_choice(monkeypatch:
 
 def test_a_candidate_that_fails_everywhere_is_never_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdrbench_lab.reproduce.tune.evaluate", answered)
-    assert tune("x", SEALED, grid({"which": ["never", "c"]}), folds=2).chosen == (1, 1)
+    assert tune("x", ENV, grid({"which": ["never", "c"]}), folds=2).chosen == (1, 1)
     with pytest.raises(PdrbenchError, match="no mean_m on the train split"):
-        tune("x", SEALED, grid({"which": ["never"]}), folds=2)
+        tune("x", ENV, grid({"which": ["never"]}), folds=2)
     with pytest.raises(PdrbenchError, match="not better when low or high"):
-        tune("x", SEALED, grid({"which": ["c"]}), folds=2, metric="n")
+        tune("x", ENV, grid({"which": ["c"]}), folds=2, metric="n")
 
 
 def answered(localizer: str, env: str, *, split: str, parameters: Any) -> Any:
-    assert (env, split) == (SEALED, "train")
+    assert (env, split) == (ENV, "train")
     errors_m = ERRORS_M.get(parameters["which"], [np.nan] * 7)
-    units = [make_task(SEALED).units[walk] for walk in WALKS]
+    units = [TASK.units[walk] for walk in WALKS]
     frame = pd.DataFrame({"walk": WALKS, "unit": units, "mean_m": np.array(errors_m, dtype=float), "n": 1.0})
     return SimpleNamespace(walks=lambda: frame.sample(frac=1, random_state=1))
 

@@ -234,8 +234,6 @@ def test_without_heights_there_is_no_height_error_and_few_walks_have_no_interval
 def test_wrong_names_are_refused() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'literal'"):
         measure_errors("literally")
-    with pytest.raises(UnknownNameError, match="FootVicon-v1"):
-        measure_errors("literal", ["FootVicon-v1"])
 
 
 def test_without_data_the_error_says_how_to_get_it(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,7 +86,7 @@ def beyond(seed: int) -> dict[str, Any]:
             rows = measure(reference.t_s, reference.xy_m, np.random.default_rng([seed, 11, draw]), reading)[: last + 1]
             answers = {"sensor": rows[:, 1:]}
             for name, make in makes.items():
-                localizer = make({})
+                localizer = make()
                 answers[name] = play(localizer, briefing, rows, np.random.default_rng([seed, draw]))
             deaths += int(localizer.debug()["deaths"])  # type: ignore[attr-defined]
             for name, xy_m in answers.items():
