@@ -118,4 +118,4 @@ def _start_unix_s(walks: Walks, walk: str) -> float | None:
 
 def _plain(name: str) -> str:
     """A name that every file system takes."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("_")
