@@ -15,7 +15,6 @@ import msgspec
 
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.plan import Plan
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
     Feature,
@@ -27,6 +26,7 @@ from pdrbench_formats.maps.features import (
     read_features,
     to_metres,
 )
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 from pdrbench_sim.resolution import in_steps
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from pdrbench.episode import CLOCK_SLACK_S, Player, read_estimate, read_track
 from pdrbench.errors import EstimateError, PdrbenchError
-from pdrbench.io.opaque import opaque_id
 from pdrbench.localizer import Briefing, Observation
 from pdrbench_evaal.places import LOCAL_PLACES, PlaceFormat
 from pdrbench_evaal.records import NumberOf, RecordReader, plain_number
 from pdrbench_evaal.server import SERVER_NAME
+from pdrbench_formats.recordings.opaque import opaque_id
 
 TIMEOUT_S: Final = 60.0  # for one answer of the server
 MAX_ANSWER_BYTES: Final = 1 << 30  # of an offline trial; a day of a phone is more

@@ -165,10 +165,10 @@ def _briefing(
 ) -> Briefing:
     """What the localizer is given; the start is that of the server where the walk of the environment is another one."""
     from pdrbench.building import Building
-    from pdrbench.io.detect import read
     from pdrbench.localizer import Briefing
     from pdrbench.sensors import BUILTIN, sensor_spec
     from pdrbench.trajectory import Start
+    from pdrbench_formats.detect import read
 
     xy_m, level = places.read(state.place)
     start = Start(xy_m, level, None if heading_deg is None else float(np.radians(heading_deg)))

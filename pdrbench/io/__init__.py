@@ -1,7 +1,7 @@
 """Files that users have: all conversion of units, axes, clocks and names happens here and in readers of other packages.
 
 A reader takes a path and raises `RecordingError` or `MapError` with file, place in it and remedy; nothing is left out
-without being counted in a `ReadReport`. `text`, `columns` and `imu` hold what readers share.
+without being counted in a `ReadReport`. `text`, `container` and `log` hold what readers share.
 """
 
 from __future__ import annotations

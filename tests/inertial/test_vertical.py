@@ -9,8 +9,8 @@ from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
 from pdrbench.inertial import LevelTracker, PeakStepDetector, VerticalParams, level_heights
 from pdrbench.inertial.vertical import SCALE_HEIGHT_M, LevelChange
-from pdrbench.io.detect import read
 from pdrbench.io.log import Log
+from pdrbench_formats.detect import read
 
 RATE_HZ = 10.0
 FLOORS_M = {-1: -3.5, 0: 0.0, 1: 4.0, 2: 7.5}

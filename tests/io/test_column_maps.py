@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.detect import read
+from pdrbench_formats.detect import read
 from pdrbench_formats.recordings import csv_columns
 from pdrbench_formats.recordings.columnmap import read_column_map
 

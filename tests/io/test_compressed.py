@@ -18,7 +18,7 @@ from recording_samples import SAMPLES, Rows
 from pdrbench.errors import RecordingError
 from pdrbench.io import compressed
 from pdrbench.io.container import open_container
-from pdrbench.io.detect import detect, read
+from pdrbench_formats.detect import detect, read
 
 COMPRESS: Final = {".gz": gzip.compress, ".xz": lzma.compress, ".bz2": bz2.compress}
 BINARY: Final = ("ros", "ronin")

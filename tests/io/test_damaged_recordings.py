@@ -13,7 +13,7 @@ import recording_samples as samples
 from recording_samples import SAMPLES
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.detect import detect, read
+from pdrbench_formats.detect import detect, read
 
 Rows = dict[str, np.ndarray]
 

@@ -10,7 +10,7 @@ import pytest
 import recording_samples as samples
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.detect import detect, read
+from pdrbench_formats.detect import detect, read
 
 Rows = dict[str, np.ndarray]
 

@@ -20,9 +20,9 @@ from pdrbench.building.connectivity import lift_shafts, reachable_parts
 from pdrbench.building.convex import compile_map
 from pdrbench.datasets import find, is_available
 from pdrbench.errors import MapError, PdrbenchError, RecordingError
-from pdrbench.io.detect import detect, read_plan
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.plan import Plan
+from pdrbench_formats.detect import detect, read_plan
+from pdrbench_formats.maps.plan import Plan
 
 FRAME = GeoFrame(51.0, 13.0)
 Ring = list[tuple[float, float]]

@@ -12,7 +12,7 @@ MOST = 5.0  # times the size of the file
 WALK_S = 300.0
 PEAK = """
 import sys
-from pdrbench.io.detect import read
+from pdrbench_formats.detect import read
 def peak_kib():
     return int(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1])
 kind, small, path = sys.argv[1:]

@@ -16,10 +16,10 @@ from recording_samples import SAMPLES
 
 from pdrbench.errors import RecordingError
 from pdrbench.io import READERS
-from pdrbench.io.detect import detect, read
 from pdrbench.io.log import Log
-from pdrbench.io.opaque import opaque_id
+from pdrbench_formats.detect import detect, read
 from pdrbench_formats.recordings import getsensordata
+from pdrbench_formats.recordings.opaque import opaque_id
 
 Rows = dict[str, np.ndarray]
 

@@ -9,7 +9,7 @@ import pytest
 from pdrbench.building.connectivity import lift_shafts, reachable_parts
 from pdrbench.building.convex import compile_map
 from pdrbench.errors import MapError
-from pdrbench.io.detect import detect, read_plan
+from pdrbench_formats.detect import detect, read_plan
 
 pytestmark = pytest.mark.data
 

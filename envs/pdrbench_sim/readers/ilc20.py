@@ -34,10 +34,10 @@ import numpy as np
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.log import Log, ReadReport
-from pdrbench.io.opaque import opaque_ids
 from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.opaque import opaque_ids
 from pdrbench_sim.readers.ilc20_lines import TYPE_AT, Lines, as_float, index_lines, split_glued
 from pdrbench_sim.readers.ilc20_map import level_of_floor
 

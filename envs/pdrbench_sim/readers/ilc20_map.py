@@ -29,9 +29,9 @@ from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.compressed import found_file, plain_name
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.plan import Plan, Repair
 from pdrbench.io.reader import Head, Reader, read_bytes
 from pdrbench.io.text import from_utf16
+from pdrbench_formats.maps.plan import Plan, Repair
 
 if TYPE_CHECKING:
     import shapely

@@ -15,13 +15,13 @@ from pdrbench.building import Building
 from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes, say
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
-from pdrbench.io.detect import detect, unpacked
-from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log
-from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.detect import detect, unpacked
+from pdrbench_formats.detect import read as read_file
+from pdrbench_formats.maps.plan import Plan
 
 LARGE_BYTES: Final = 128 << 20  # of a file that takes long enough to be watched
 TABLE: Final = "csv"  # format of tables of numbers, which a column map explains

@@ -9,13 +9,13 @@ import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.errors import PdrbenchError
-from pdrbench.io.detect import read as read_file
-from pdrbench.io.detect import read_plan
 from pdrbench.io.log import Log
-from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.commands.inspect import FORMAT_HELP
+from pdrbench_formats.detect import read as read_file
+from pdrbench_formats.detect import read_plan
+from pdrbench_formats.maps.plan import Plan
 
 MAX_ROWS: Final = 12  # of a list in a terminal; --json and --out have all
 

@@ -19,12 +19,12 @@ from pdrbench.building.building import Building
 from pdrbench.building.polygons import Zone
 from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.plan import Plan, Repair, suspicions
 from pdrbench_formats.maps.assembly.cells import cells_of, clean
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, ConnectionKind, DrawnLevel, RepairLog
 from pdrbench_formats.maps.assembly.joining import JoinedPolygons, add_flights
 from pdrbench_formats.maps.assembly.shafts import lay_out_shaft, place_parts, shafts_of
 from pdrbench_formats.maps.assembly.shapes import simple_parts, unique_id, valid_polygons
+from pdrbench_formats.maps.plan import Plan, Repair, suspicions
 
 CONNECTION_KINDS: Final = ("stairs", "escalator", "lift")
 LEVEL_HEIGHT_M: Final = 3.5  # assumed between levels where a drawing has no heights; common in offices

@@ -25,10 +25,10 @@ import numpy as np
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import beside, member, name_of, opened, toml_table
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
 LAYERS: Final = {

@@ -17,7 +17,6 @@ import numpy as np
 from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps import osm_indoor
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
@@ -34,6 +33,7 @@ from pdrbench_formats.maps.features import (
     opened,
     to_metres,
 )
+from pdrbench_formats.maps.plan import Plan
 
 UNITS_M: Final = {
     "metres": 1.0,

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.errors import MapError
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, opened, read_features, to_metres
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
 CONNECTIONS: Final = {"stairs": "stairs", "steps": "stairs", "escalator": "escalator", "elevator": "lift"}

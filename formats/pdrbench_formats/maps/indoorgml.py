@@ -18,10 +18,10 @@ import numpy as np
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import MAX_VERTICES, member, name_of, opened
+from pdrbench_formats.maps.plan import Plan
 
 MIN_SIZE_M: Final = 0.5  # of all cells: no building is as small
 MIN_COVERED: Final = 0.7  # of the area of the cells of a level: less where they lie upon one another

@@ -21,7 +21,6 @@ import numpy as np
 
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import HEAD_BYTES, Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
@@ -35,6 +34,7 @@ from pdrbench_formats.maps.features import (
     read_features,
     to_metres,
 )
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
 WALKED: Final = frozenset({"room", "area", "corridor", "yes"})

@@ -24,10 +24,10 @@ import numpy as np
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.io.container import Container
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import beside, member, opened, toml_table
+from pdrbench_formats.maps.plan import Plan
 
 MAX_PIXELS: Final = 64_000_000
 DARK: Final = 0.5  # of white: darker pixels are wall

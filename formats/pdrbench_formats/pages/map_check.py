@@ -12,8 +12,8 @@ import numpy as np
 from pdrbench.building import WALL, Building
 from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels, unreachable
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.io.plan import Plan, level_table
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.maps.plan import Plan, level_table
 
 BETTER: Final = 0.15  # fraction of a walk that has to lie better inside before a plan is called mirrored or scaled
 _CHANGES: Final[Mapping[str, tuple[tuple[float, float], tuple[float, float]]]] = {

@@ -14,8 +14,8 @@ from pdrbench.building import WALL, Building
 from pdrbench.building.connectivity import unreachable
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.io.plan import Plan
 from pdrbench.picture.plan import FLOOR_COLOURS, Bounds, draw_level, fill_rings
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.pages.map_check import WalkCheck, plan_facts
 
 MAX_DOOR_M: Final = 2.5  # a wider connection between two floors is no door

@@ -32,11 +32,11 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.compressed import MAGIC_BYTES, is_compressed, pieces
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
-from pdrbench.io.opaque import opaque_ids
 from pdrbench.io.reader import Head, Reader
 from pdrbench.recording import MAX_WALK_S
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, places
+from pdrbench_formats.recordings.opaque import opaque_ids
 
 CHUNK_BYTES: Final = 2 << 20
 MAX_TEXT_BYTES: Final = 16 << 30  # a day of a phone is 4 GB

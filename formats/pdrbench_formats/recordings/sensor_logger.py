@@ -30,7 +30,6 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.compressed import plain_name
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
-from pdrbench.io.opaque import opaque_ids
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.recordings.assemble import (
     STANDARD_GRAVITY_MPS2,
@@ -43,6 +42,7 @@ from pdrbench_formats.recordings.assemble import (
 )
 from pdrbench_formats.recordings.attitude import device_to_building
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
+from pdrbench_formats.recordings.opaque import opaque_ids
 
 TIME: Final = "time"
 _XYZ: Final = ("x", "y", "z")

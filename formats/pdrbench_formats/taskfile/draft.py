@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.detect import read_plan
 from pdrbench.registry import TASK_FILE
+from pdrbench_formats.detect import read_plan
 from pdrbench_formats.taskfile.files import file_facts
 from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml

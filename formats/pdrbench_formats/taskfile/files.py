@@ -15,12 +15,12 @@ from pdrbench.datasets.integrity import sha256_of
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.io import READERS
 from pdrbench.io.compressed import plain_name
-from pdrbench.io.detect import detect, read, read_plan
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.log import Log
-from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.detect import detect, read, read_plan
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.mounting import moves_as_shoe
 from pdrbench_formats.taskfile.places import read_places

@@ -13,9 +13,9 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.opaque import opaque_id
 from pdrbench.radio.surveys import survey_of_readings
 from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench_formats.recordings.opaque import opaque_id
 from pdrbench_formats.taskfile.places import CLOCKS, FRAMES, read_table
 
 SENDER, STRENGTH = "access_point", "rssi_dbm"

@@ -13,7 +13,6 @@ import msgspec
 
 from pdrbench.errors import MapError
 from pdrbench.io.container import Container
-from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
@@ -26,6 +25,7 @@ from pdrbench_formats.maps.features import (
     read_features,
     to_metres,
 )
+from pdrbench_formats.maps.plan import Plan
 from pdrbench_lab.plans.wrld3d import head_member
 
 FLOORS: Final = "floors.geojson"

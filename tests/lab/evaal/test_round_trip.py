@@ -234,7 +234,7 @@ def test_a_client_says_what_is_wrong(stride_task, serve) -> None:
 
 
 def test_addresses_of_another_server_are_hashed_as_readers_do(phone_task, serve, monkeypatch) -> None:
-    from pdrbench.io.opaque import opaque_id
+    from pdrbench_formats.recordings.opaque import opaque_id
 
     with serve(phone_task) as (server, _):
         client = TrialClient(server.url, "walk-a")

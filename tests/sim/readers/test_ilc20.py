@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.log import Log
-from pdrbench.io.opaque import opaque_ids
 from pdrbench.sensors import sensor_spec
+from pdrbench_formats.recordings.opaque import opaque_ids
 from pdrbench_sim.readers import ilc20
 
 T0 = 1_574_559_781_000

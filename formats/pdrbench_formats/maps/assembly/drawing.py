@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 from pdrbench.errors import MapError
-from pdrbench.io.plan import Repair
+from pdrbench_formats.maps.plan import Repair
 
 ConnectionKind = Literal["stairs", "escalator", "lift"]
 ASSUMPTIONS: Final = frozenset({"height assumed", "units assumed", "treads made", "door found"})

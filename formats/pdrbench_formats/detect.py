@@ -14,7 +14,7 @@ from pdrbench.io import READERS
 from pdrbench.io.reader import Head, head_of
 
 if TYPE_CHECKING:
-    from pdrbench.io.plan import Plan
+    from pdrbench_formats.maps.plan import Plan
 
 
 def detect(path: Path | str) -> str:
@@ -102,7 +102,7 @@ def read_plan(path: Path | str, kind: str | None = None) -> Plan:
         MapError: It is no plan, or as its reader says.
         RecordingError: In no format that is known.
     """
-    from pdrbench.io.plan import Plan
+    from pdrbench_formats.maps.plan import Plan
 
     kind = detect(path) if kind is None else kind
     content = read(path, kind)
