@@ -34,7 +34,6 @@ from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, GaitParams, Stances, stances, strides
 from pdrbench_sim.people.walk import BodyPath, SimulatedWalk, body_path
 from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams, draw_place, walk_through
-from pdrbench_sim.phone.handling_motion import HandlingParams
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
@@ -88,7 +87,6 @@ class Setup:
     # For so long the unit rests before the walk, and the mean rate of that time is taken off its gyroscope; 0 for a
     # unit as it was switched on.
     rest_s: float = 0.0
-    is_handled: bool = False  # whether a phone in the hand is handled while its bearer stands
     reference_s: float = 1.0  # time between places of the reference of a phone
     # How well a phone's magnetometer is calibrated; None for the defaults.
     compass: PhoneMagnetometerParams | None = None
@@ -255,7 +253,6 @@ class _Device:
             motion = motion.mounted(from_yaw_pitch_roll(*askew)[0])
         else:
             carry = ((0.0, setup.mounting), *setup.switches)
-            handling = HandlingParams() if setup.is_handled else None
             motion = phone_motion(
                 way,
                 feet,
@@ -264,7 +261,6 @@ class _Device:
                 rate_hz=PHONE_HZ,
                 gait=setup.manner.trunk,
                 carried=setup.manner.carried,
-                handling=handling,
             )
         return cls(scene, setup, streams, own, body_path(way, BODY_HZ), motion, end_s)
 

@@ -17,7 +17,6 @@ from pdrbench_sim.people.walk import SimulatedWalk, body_path
 from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.phone.carry import PLACES, CarryParams
 from pdrbench_sim.phone.gait import COARSE_HZ, Gait, GaitMotionParams, trunk_of
-from pdrbench_sim.phone.handling_motion import HandlingParams, handling_in_pauses, handling_motion
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.units.motion import GRAVITY_MPS2, MotionError, RigidMotion
 
@@ -211,65 +210,3 @@ def test_impossible_carrying_is_refused(straight, carry, words):
 def test_an_unknown_place_is_refused_with_a_suggestion(straight):
     with pytest.raises(UnknownNameError, match="pocket"):
         carried(straight, carry=((0.0, "pocked"),))
-
-
-# Handled.
-
-
-def test_handling_is_mistaken_for_steps():
-    motion = handling_motion(np.random.default_rng(1), 600.0, [1.0, 2.0, 1.2])
-    assert len(motion) == 120_001
-    accel, gyro = motion.ideal_signals()
-    false = PeakStepDetector(motion.rate_hz).update(np.column_stack([motion.t_s, accel]))
-    assert 2 < len(false) / 10 < 40  # a minute
-    assert np.linalg.norm(motion.xyz_m - [1.0, 2.0, 1.2], axis=1).max() < 1.5
-    assert np.linalg.norm(accel, axis=1).mean() == pytest.approx(GRAVITY_MPS2, abs=0.3)
-    assert np.degrees(np.abs(gyro)).max() > 90
-    assert np.abs(np.diff(accel, axis=0)).max() < 14.0
-
-
-def test_a_still_hand_hardly_moves():
-    quiet = HandlingParams(every_s=1e9)
-    motion = handling_motion(np.random.default_rng(1), 30.0, [0.0, 0.0, 1.0], params=quiet)
-    assert lengths(motion).std() < 0.15
-
-
-@pytest.mark.parametrize("kind", range(5))
-def test_every_act_ends_at_rest(kind):
-    fractions = tuple(1.0 if i == kind else 0.0 for i in range(5))
-    params = HandlingParams(every_s=20.0, fractions=fractions)
-    motion = handling_motion(np.random.default_rng(2), 400.0, [0.0, 0.0, 1.0], params=params)
-    gyro = motion.ideal_signals()[1]
-    quiet = (np.abs(lengths(motion) - GRAVITY_MPS2) < 0.5) & (np.abs(gyro).max(axis=1) < 0.3)
-    assert 0.4 < quiet.mean() < 0.9999
-
-
-def test_handling_in_pauses_leaves_the_rest_alone():
-    t_s = np.arange(0, 60, 0.005)
-    params = HandlingParams(every_s=1.0)
-    offset_m, quaternion = handling_in_pauses(t_s, [(10.0, 20.0), (30.0, 31.0)], np.random.default_rng(3), params)
-    busy = (t_s > 10.0) & (t_s < 20.0)
-    assert np.abs(offset_m[busy]).max() > 0.01
-    assert not offset_m[~busy].any()
-    np.testing.assert_allclose(quaternion[~busy], [[1.0, 0.0, 0.0, 0.0]] * int((~busy).sum()), atol=1e-12)
-
-
-def test_a_phone_is_handled_in_the_pauses_of_a_walk(walks):
-    still, handled = carried(walks[0]), carried(walks[0], handling=HandlingParams(every_s=1.0))
-    differs = np.abs(still.xyz_m - handled.xyz_m).max(axis=1) > 1e-6
-    assert differs.any()
-    walking = np.zeros(len(still), dtype=bool)
-    for bout in walks[0].bouts:
-        walking |= (still.t_s >= bout.t_s[0]) & (still.t_s <= bout.t_s[-1])
-    assert not (differs & walking).any()
-
-
-@pytest.mark.parametrize(("duration_s", "xyz_m"), [(0.0, [0, 0, 1]), (float("nan"), [0, 0, 1]), (10.0, [0, 1])])
-def test_impossible_handling_is_refused(duration_s, xyz_m):
-    with pytest.raises(MotionError, match="for a second or more"):
-        handling_motion(np.random.default_rng(1), duration_s, xyz_m)
-
-
-def test_fractions_add_up():
-    with pytest.raises(MotionError, match="add up to 1"):
-        HandlingParams(fractions=(0.5, 0.5, 0.5, 0.0, 0.0))

@@ -15,7 +15,7 @@ from pdrbench.errors import unknown_name
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.quaternions import multiply
 from pdrbench_sim.people.strides import LEFT, Stances
-from pdrbench_sim.people.walk import TURN_STEP_S, SimulatedWalk, body_path
+from pdrbench_sim.people.walk import SimulatedWalk, body_path
 from pdrbench_sim.phone.carry import PLACES, BodyMotion, CarryParams, PhonePose
 from pdrbench_sim.phone.gait import (
     CLOSING_S,
@@ -27,10 +27,8 @@ from pdrbench_sim.phone.gait import (
     smooth,
     trunk_of,
 )
-from pdrbench_sim.phone.handling_motion import HandlingParams, handling_in_pauses
 from pdrbench_sim.units.motion import MotionError, RigidMotion
 
-HAND: Final = "hand"
 SWITCH_S: Final = 1.0  # that a phone takes from one place to the next
 FLAT_S: Final = 0.08  # from the strike of a heel until its foot rests (sources.md 1.3)
 
@@ -44,7 +42,6 @@ def phone_motion(
     rate_hz: float = 200.0,
     gait: GaitMotionParams | None = None,
     carried: CarryParams | None = None,
-    handling: HandlingParams | None = None,
 ) -> RigidMotion:
     """The pose of a phone from the beginning of a walk to its end.
 
@@ -57,7 +54,6 @@ def phone_motion(
         rate_hz: Of the samples.
         gait: How the trunk moves; None for the defaults.
         carried: How phones are carried; None for the defaults.
-        handling: How a phone in the hand is handled while the person stands; None: it is held still.
 
     Raises:
         UnknownNameError: There is no such place to carry a phone.
@@ -65,7 +61,7 @@ def phone_motion(
     """
     _check_carry(carry)
     carried = carried or CarryParams()
-    oscillation, for_handling, *own = rng.spawn(2 + len(PLACES))
+    oscillation, _, *own = rng.spawn(2 + len(PLACES))
     streams = dict(zip(PLACES, own, strict=True))
     path = body_path(walk, COARSE_HZ)
     coarse_gait = gait_of(walk, feet, path)
@@ -98,10 +94,6 @@ def phone_motion(
             params=carried,
         )
         places[name] = place.move(body, streams[name])
-    if handling is not None and HAND in places:
-        (offset_m, held), pauses = places[HAND], _pauses(walk)
-        moved_m, turned = handling_in_pauses(t_s, pauses, for_handling, handling)
-        places[HAND] = offset_m + moved_m, multiply(held, turned)
     (ahead_m, left_m, up_m), quaternion = _switched(t_s, carry, places)
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     xyz_m = np.column_stack([x_m + cos * ahead_m - sin * left_m, y_m + sin * ahead_m + cos * left_m, z_m + up_m])
@@ -120,11 +112,6 @@ def _check_carry(carry: Sequence[tuple[float, str]]) -> None:
                 f"the phone goes to {name!r} at {other_s:g} s, less than {SWITCH_S:g} s after {one_s:g} s; "
                 "a switch takes that long: list them in order, further apart"
             )
-
-
-def _pauses(walk: SimulatedWalk) -> list[tuple[float, float]]:
-    """From when until when the person stands; turns on the spot before walking on are left out."""
-    return [(float(one.t_s[-1]) + CLOSING_S, float(other.t_s[0]) - TURN_STEP_S) for one, other in pairwise(walk.bouts)]
 
 
 def _heel_strikes(walk: SimulatedWalk, feet: tuple[Stances, Stances]) -> tuple[FloatArray, BoolArray]:

@@ -21,6 +21,7 @@ from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.li2012.localizer import LI2012, Li2012
 from pdrbench_baselines.li2012.map_filter import StepModel
+from pdrbench_lab.environments.handling import record_handling
 from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     CORRIDOR,
     PHONES,
@@ -33,7 +34,6 @@ from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
 )
 from pdrbench_lab.papers.li2012.model import walked_m
 from pdrbench_lab.papers.settings import merged
-from pdrbench_sim.handling import record_handling
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.record import BuildingScene
 

@@ -16,17 +16,17 @@ from pdrbench.datasets import dataset
 from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, find_steps
+from pdrbench_lab.environments.handling import TC1
+from pdrbench_lab.environments.handling_motion import HandlingParams, handling_motion
 from pdrbench_lab.papers.li2012.step_scores import EventMatch, match_events
 from pdrbench_lab.readers import phone_steps
 from pdrbench_sim.buildings.ring_floor import bare_ring
-from pdrbench_sim.handling import TC1
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import Stances, stances
 from pdrbench_sim.people.walk import SimulatedWalk
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.phone.gait import CLOSING_S
-from pdrbench_sim.phone.handling_motion import HandlingParams, handling_motion
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.motion import RigidMotion

@@ -6,7 +6,6 @@ What it measures looks like steps to a detector that only counts peaks (L8); par
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,7 +17,6 @@ from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
 from pdrbench_sim.phone.gait import ease
 from pdrbench_sim.units.motion import GRAVITY_MPS2, MotionError, RigidMotion
 
-SETTLE_S: Final = 0.8  # in which a phone is taken up in a pause, and held before the body again; ours
 MAX_TILT_RAD: Final = 1.3  # a screen is turned back before it faces the floor; ours
 LIFT_TILT_RAD: Final = 0.5  # by which the top edge rises when a phone is picked up; ours
 MAX_DURATION_S: Final = 86_400.0
@@ -87,32 +85,6 @@ def handling_motion(
     hand = _handled(t_s, how, params, start_rad)
     hand.tremble(tremble)
     return RigidMotion(t_s, middle_m + hand.offset_m, _quaternion(hand.turn_rad))
-
-
-def handling_in_pauses(
-    t_s: FloatArray, pauses: Sequence[tuple[float, float]], rng: np.random.Generator, params: HandlingParams
-) -> tuple[FloatArray, FloatArray]:
-    """What a person does with a phone while standing, and stops doing before walking on.
-
-    Args:
-        t_s: (n,) even.
-        pauses: Beginning and end of each, in order; those shorter than two `SETTLE_S` are left alone.
-        rng: When what is done.
-        params: How phones are handled.
-
-    Returns:
-        offset_m: (n, 3) displacement, 0 outside the pauses.
-        quaternion: (n, 4) by which the phone is turned in its own frame, none outside.
-    """
-    offset_m, turn_rad = np.zeros((len(t_s), 3)), np.zeros((len(t_s), 3))
-    for (begin_s, end_s), own in zip(pauses, rng.spawn(len(pauses)), strict=True):
-        part = slice(*np.searchsorted(t_s, [begin_s, end_s]))
-        if end_s - begin_s < 2 * SETTLE_S or part.stop - part.start < 2:
-            continue
-        hand = _handled(t_s[part], own, params, np.zeros(3))
-        window = ease((t_s[part] - begin_s) / SETTLE_S) * ease((end_s - t_s[part]) / SETTLE_S)
-        offset_m[part], turn_rad[part] = window[:, None] * hand.offset_m, window[:, None] * hand.turn_rad
-    return offset_m, _quaternion(turn_rad)
 
 
 def _handled(t_s: FloatArray, rng: np.random.Generator, params: HandlingParams, start_rad: FloatArray) -> _HandledPhone:
