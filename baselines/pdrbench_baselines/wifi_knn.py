@@ -19,7 +19,7 @@ class WifiKnnParams:
 
     neighbours: int = 3
     power: float = POWER  # of the strength; see `pdrbench.radio.strength`
-    survey_age_s: float = SURVEY_AGE_S  # an older reading of the survey was heard somewhere else
+    survey_age_s: float = SURVEY_AGE_S  # an older reading of the survey was received somewhere else
     freshness_per_s: float = FRESHNESS_PER_S  # a reading of the scan counts for 0.8 ** age
 
 

@@ -15,7 +15,7 @@ from pdrbench.radio import survey_of_readings
 from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.gp_wifi.field import FieldParams, SignalMap
+from pdrbench_baselines.gp_wifi.field import SignalFieldParams, SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifi, GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps, scan_times_s, sightings_of
 
@@ -89,7 +89,7 @@ def test_a_scan_hands_out_what_the_one_before_did_not() -> None:
 
 def test_a_field_extrapolates_path_loss_and_says_how_well(rng: np.random.Generator) -> None:
     """Surveyed along two lines 3 m apart, asked up to 20 m away."""
-    signals = SignalMap(survey(rng, lines_of(3.0, 6.0)), None, FieldParams())
+    signals = SignalMap(survey(rng, lines_of(3.0, 6.0)), None, SignalFieldParams())
     z = []
     for k in range(len(PLACES)):
         field = signals.field(k + 1)
@@ -116,7 +116,7 @@ def test_where_scans_missed_an_access_point_it_is_weaker(rng: np.random.Generato
     )
     means = []
     for is_censored in (False, True):
-        signals = SignalMap(radio_map, None, FieldParams(is_censored=is_censored))
+        signals = SignalMap(radio_map, None, SignalFieldParams(is_censored=is_censored))
         field = signals.field(1)
         assert field is not None
         beyond = np.hypot(*(signals.xy_m[field.at] - [3.0, 6.0]).T) < 3.0
@@ -142,7 +142,8 @@ def test_the_lattice_ends_near_the_survey_or_covers_all_floor_of_a_surveyed_leve
     floors = [FloorPolygon(f"hall{level}", ring, np.full(4, WALL), 4.0 * level, level) for level in (0, 1)]
     known = survey(rng, lines_of(4.0))  # to x = 39.5 on level 0
     near, all_floor = (
-        SignalMap(known, Building("halls", tuple(floors)), FieldParams(covers_floor=covers)) for covers in (False, True)
+        SignalMap(known, Building("halls", tuple(floors)), SignalFieldParams(covers_floor=covers))
+        for covers in (False, True)
     )
     assert near.xy_m[:, 0].max() < 39.5 + near.params.margin_m + near.params.lattice_m
     assert set(all_floor.level.tolist()) == {0}

@@ -63,16 +63,16 @@ class HistogramTable:
     ) -> HistogramTable:
         """Counts the readings of a survey.
 
-        Scans at exactly the same place and level make one calibration point. A histogram is over the scans that heard
-        the access point: those that did not are not counted, as the paper has no bin for them, so that one heard in a
-        tenth of the scans looks as well known as one heard in all; `count_unheard` is the option against this. Of an
-        access point that stands twice in a scan the strongest reading counts. A place where nothing was heard is no
-        calibration point: every scan would be nearest to it.
+        Scans at exactly the same place and level make one calibration point. A histogram is over the scans that
+        received the access point: those that did not are not counted, as the paper has no bin for them, so that one
+        received in a tenth of the scans looks as well known as one received in all; `count_unheard` is the option
+        against this. Of an access point that stands twice in a scan the strongest reading counts. A place where nothing
+        was received is no calibration point: every scan would be nearest to it.
 
         Args:
             radio_map: The survey.
-            max_age_s: Readings older than this are left out: they were heard somewhere else.
-            count_unheard: Scans at a point that did not hear an access point heard there by others count as -100 dBm.
+            max_age_s: Readings older than this are left out: they were received somewhere else.
+            count_unheard: Scans at a point that lack an access point which others received there count as -100 dBm.
 
         Raises:
             RecordingError: The survey has no scan, or no reading that is fresh enough.
@@ -113,7 +113,7 @@ class HistogramTable:
         """What was measured at a calibration point.
 
         Returns:
-            rssi_dbm: (k,) int, rising; empty where the access point was not heard there.
+            rssi_dbm: (k,) int, rising; empty where the access point was not received there.
             probability: (k,) of each, above 0.
         """
         column, known = self._columns(np.array([access_point], dtype=np.float64))
@@ -126,21 +126,21 @@ class HistogramTable:
         return self.lowest_dbm[rows[0]] + filled, count[filled] / count.sum()
 
     def known(self, access_point: ArrayLike) -> BoolArray:
-        """(n,) True for the access points that the survey heard anywhere."""
+        """(n,) True for the access points that the survey received anywhere."""
         return self._columns(np.asarray(access_point, dtype=np.float64))[1]
 
     def distance(self, access_point: ArrayLike, rssi_dbm: ArrayLike, *, unknown: Unknown = "ignore") -> FloatArray:
         """How far a scan is from each calibration point, eq. (1) of Frank et al. 2009 as claim F4 reads it.
 
         D_p = sum over access points i in the fingerprint p of sum_j |x_i - x_ij| p_ij = E|x_i - X_ip|, which is the
-        1-Wasserstein distance between what is observed and the histogram. For one that the scan did not hear, x_i is
-        -100 dBm. Those that the survey never heard do not count. The nearest is `np.argmin`: the first of equals.
+        1-Wasserstein distance between what is observed and the histogram. For one that the scan did not receive, x_i is
+        -100 dBm. Those that the survey never received do not count. The nearest is `np.argmin`: the first of equals.
 
         Args:
-            access_point: (n,) that the scan heard; of one that stands twice the strongest reading counts.
+            access_point: (n,) that the scan received; of one that stands twice the strongest reading counts.
             rssi_dbm: (n,) as it is, not rounded.
             unknown: What one does that is in the scan and not in the fingerprint of a point: "ignore" as written, which
-                prefers points where little was heard; "penalise" as if it had been measured there with -100 dBm.
+                prefers points where little was received; "penalise" as if it had been measured there with -100 dBm.
 
         Returns:
             (P,) in dB, summed over access points.
@@ -150,25 +150,26 @@ class HistogramTable:
                 and keep the last estimate then.
         """
         from pdrbench.radio.kernels import strongest_readings
-        from pdrbench_baselines.frank2009.kernels import add_heard
+        from pdrbench_baselines.frank2009.kernels import add_received
 
         if unknown not in UNKNOWN:
             raise ValueError(f"unknown is 'ignore' or 'penalise'; got {unknown!r}")
-        heard, x_dbm = np.array(access_point, dtype=np.float64), np.array(rssi_dbm, dtype=np.float64)
-        if heard.ndim != 1 or heard.shape != x_dbm.shape:
-            raise RecordingError(f"scan: give one RSSI per access point; got {x_dbm.shape} for {heard.shape}")
-        if not (np.isfinite(heard).all() and np.isfinite(x_dbm).all()):
+        received, x_dbm = np.array(access_point, dtype=np.float64), np.array(rssi_dbm, dtype=np.float64)
+        if received.ndim != 1 or received.shape != x_dbm.shape:
+            raise RecordingError(f"scan: give one RSSI per access point; got {x_dbm.shape} for {received.shape}")
+        if not (np.isfinite(received).all() and np.isfinite(x_dbm).all()):
             raise RecordingError("scan: access points and RSSI must be numbers; leave out readings without")
-        reading = strongest_readings(self.access_point, heard, x_dbm)
+        reading = strongest_readings(self.access_point, received, x_dbm)
         column = np.flatnonzero(reading >= 0)
         if not len(column):
             raise RecordingError(
-                f"scan: none of its {len(heard)} access points is in the survey; ask known() and keep the last estimate"
+                f"scan: none of its {len(received)} access points is in the survey; "
+                "ask known() and keep the last estimate"
             )
         x_dbm = x_dbm[reading[column]]
         missing_db = np.abs(x_dbm - UNHEARD_DBM) if unknown == "penalise" else np.zeros(len(x_dbm))
         distance_db: FloatArray = self._queries.silence_db + missing_db.sum()
-        add_heard(distance_db, column, x_dbm, missing_db, UNHEARD_DBM, self._queries)
+        add_received(distance_db, column, x_dbm, missing_db, UNHEARD_DBM, self._queries)
         return distance_db
 
     def _columns(self, access_point: FloatArray) -> tuple[IntArray, BoolArray]:
@@ -305,7 +306,7 @@ def _count(
 ) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray]:
     """`first`, `point`, `lowest_dbm`, `first_bin` and `count` of a table.
 
-    Where `num_scans` (P,) is given, the scans at a point without a reading count in the bin of what is not heard.
+    Where `num_scans` (P,) is given, the scans at a point without a reading count in the bin of what is not received.
     """
     unheard = int(UNHEARD_DBM)
     bottom = min(int(bin_dbm.min()), unheard)

@@ -12,8 +12,10 @@ from numba import njit
 
 
 @njit(cache=True)
-def add_heard(distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unheard_dbm: float, queries: Any) -> None:
-    """Adds to `distance_db` (P,) what hearing an access point changes, for the histograms of each that was heard.
+def add_received(
+    distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unheard_dbm: float, queries: Any
+) -> None:
+    """Adds to `distance_db` (P,) what receiving an access point changes, for the histograms of each.
 
     E|x - X| comes in place of E|unheard - X| and, where points without it are penalised, of `missing_db`. Both are
     first taken as if the reading lay outside every histogram, where it is |x - mean|; then the excess over that is
@@ -40,8 +42,8 @@ def add_heard(distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unh
 
 @njit(cache=True)
 def _add_outside(distance_db: Any, x: float, missing_db: float, unheard_dbm: float, point: Any, mean_dbm: Any) -> None:
-    """Adds |x - mean| less the distance of an access point that is not heard."""
-    if len(point) == len(distance_db):  # heard everywhere: histogram h is of point h
+    """Adds |x - mean| less the distance of an access point that is not received."""
+    if len(point) == len(distance_db):  # received everywhere: histogram h is of point h
         for h in range(len(distance_db)):
             distance_db[h] += abs(x - mean_dbm[h]) - abs(unheard_dbm - mean_dbm[h]) - missing_db
     else:

@@ -34,7 +34,7 @@ class FingerprintingParams:
     """Settings of the fingerprinting; the paper has none of them.
 
     Attributes:
-        survey_age_s: Older readings of the survey were heard somewhere else.
+        survey_age_s: Older readings of the survey were received somewhere else.
         scan_age_s: Older readings are of an earlier scan. The paper's scanner repeats nothing.
         votes: Whether the best of three is answered (F5) or each scan's own point.
         unknown: How an access point of the scan counts that a fingerprint lacks: "ignore" as eq. (1) says, "penalise"

@@ -23,7 +23,7 @@ from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.fusion.free import FreeCloud
 from pdrbench_baselines.fusion.middle import geometric_median
-from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanParams
+from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
@@ -194,7 +194,7 @@ class Fusion(NetworkLocalizer):
             radio.begin(scans.known_trust, scans.known_fingerprint_trust)
         return radio
 
-    def _scans_of(self, radio_map: RadioMap) -> ScanParams:
+    def _scans_of(self, radio_map: RadioMap) -> ScanTrustParams:
         return self._own.surveyed if radio_map.surveyed else self._own.interpolated
 
     def _new_cloud(self, level: int) -> Cloud:

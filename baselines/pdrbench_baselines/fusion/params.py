@@ -13,7 +13,7 @@ from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 
 
 @dataclass(frozen=True, slots=True)
-class ScanParams:
+class ScanTrustParams:
     """What a scan counts for, and what `sigma_m` is, by the kind of the survey.
 
     Attributes:
@@ -43,7 +43,7 @@ class ScanParams:
     known_revised_sigma_factor: float
 
 
-INTERPOLATED: Final = ScanParams(
+INTERPOLATED: Final = ScanTrustParams(
     map_error_m=5.0,
     trust=1.0,
     known_trust=0.3,
@@ -55,7 +55,7 @@ INTERPOLATED: Final = ScanParams(
     known_sigma_factor=1.7,
     known_revised_sigma_factor=1.9,
 )
-SURVEYED: Final = ScanParams(
+SURVEYED: Final = ScanTrustParams(
     map_error_m=1.0,
     trust=0.0,
     known_trust=0.0,
@@ -99,8 +99,8 @@ class FusionParams:
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
     map: LearnedMapFilterParams = field(default_factory=lambda: LearnedMapFilterParams(num_particles=4000))
-    interpolated: ScanParams = INTERPOLATED
-    surveyed: ScanParams = SURVEYED
+    interpolated: ScanTrustParams = INTERPOLATED
+    surveyed: ScanTrustParams = SURVEYED
     fingerprints: FingerprintParams = field(default_factory=FingerprintParams)
     lost_fraction: float = 0.003
     unlikely: float = 1e-6

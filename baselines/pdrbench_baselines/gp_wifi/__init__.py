@@ -1,1 +1,1 @@
-"""A radio map that extrapolates: path loss, a Gaussian process, and what was not heard."""
+"""A radio map that extrapolates: path loss, a Gaussian process, and what was not received."""

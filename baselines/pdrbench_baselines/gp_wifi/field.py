@@ -31,7 +31,7 @@ MIN_INFORMATION: Final = 1e-3  # per dB^2, of a miss; what says less is left out
 
 
 @dataclass(frozen=True, slots=True)
-class FieldParams:
+class SignalFieldParams:
     """Ours; those of misses and of the noise were read off train walks of MallPhoneLost-v2, left out of the survey.
 
     Attributes:
@@ -101,7 +101,7 @@ class SignalMap:
     Args:
         radio_map: With one scan or more.
         building: Its floor is where the lattice is; None for what is near to the survey.
-        params: See `FieldParams`.
+        params: See `SignalFieldParams`.
         is_lazy: Whether path losses, too, are fitted when they are first asked for, by `prepare`, and on the levels
             asked for alone; their sums are rounded otherwise then.
 
@@ -114,7 +114,7 @@ class SignalMap:
     """
 
     def __init__(
-        self, radio_map: RadioMap, building: Building | None, params: FieldParams, *, is_lazy: bool = False
+        self, radio_map: RadioMap, building: Building | None, params: SignalFieldParams, *, is_lazy: bool = False
     ) -> None:
         self.params = params
         survey = sightings_of(radio_map)
@@ -179,7 +179,7 @@ class _Level:
         level: int,
         building: Building | None,
         region: FloorRegion | None,
-        params: FieldParams,
+        params: SignalFieldParams,
     ) -> None:
         p = self._params = params
         column = np.searchsorted(access_point, survey.access_point)
@@ -212,12 +212,12 @@ class _Level:
         asked = numbers[np.minimum(which, len(numbers) - 1)] == column
         count = len(self._cell_m), len(numbers)
         place = (cell * count[1] + which)[asked]
-        heard = np.bincount(place, minlength=count[0] * count[1]).reshape(count)
-        own = np.flatnonzero((heard > 0).sum(axis=0) >= self._params.min_cells)
+        received = np.bincount(place, minlength=count[0] * count[1]).reshape(count)
+        own = np.flatnonzero((received > 0).sum(axis=0) >= self._params.min_cells)
         self._own = numbers[own]
-        self._heard = heard[:, own].astype(np.float64)
+        self._received = received[:, own].astype(np.float64)
         total = np.bincount(place, rssi_dbm[asked], count[0] * count[1]).reshape(count)[:, own].astype(np.float64)
-        self._dbm = np.divide(total, self._heard, out=np.zeros_like(total), where=self._heard > 0)
+        self._dbm = np.divide(total, self._received, out=np.zeros_like(total), where=self._received > 0)
         self._fit_path_loss()
 
     def field(self, number: int) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -233,10 +233,12 @@ class _Level:
         variance_db2 = each[:, near].var(axis=0) + (p.shadow_db**2 or p.mean_sigma_db**2)
         mean_dbm = mean_dbm[near]
         if p.shadow_db:
-            heard = self._heard[:, own]
-            cells = np.flatnonzero((heard > 0) | self._is_miss[:, own])
-            left_db = np.where(heard > 0, self._dbm[:, own], self._site_dbm[:, own]) - self._mean_dbm[:, own]
-            noise = np.where(heard > 0, p.noise_db**2 / np.maximum(heard, 1), self._site_db2[:, own]) + p.nugget_db**2
+            received = self._received[:, own]
+            cells = np.flatnonzero((received > 0) | self._is_miss[:, own])
+            left_db = np.where(received > 0, self._dbm[:, own], self._site_dbm[:, own]) - self._mean_dbm[:, own]
+            noise = (
+                np.where(received > 0, p.noise_db**2 / np.maximum(received, 1), self._site_db2[:, own]) + p.nugget_db**2
+            )
             factor = cho_factor(
                 self._prior[np.ix_(cells, cells)] + np.diag(noise[cells]), lower=True, check_finite=False
             )
@@ -248,20 +250,20 @@ class _Level:
         return near[kept], mean_dbm[kept], variance_db2[kept]
 
     def _fit_path_loss(self) -> None:
-        """Places, exponents and levels of all access points: on the grid with what was heard, then with misses."""
-        p, is_heard = self._params, self._heard > 0
+        """Places, exponents and levels of all access points: on the grid with what was received, then with misses."""
+        p, is_received = self._params, self._received > 0
         loss = -5.0 * np.log10(_squares(self._grid_m, self._cell_m) + NEAREST_M2)
         prior_level, prior_exponent = p.mean_sigma_db**2 / np.square([p.level_sigma_db, p.exponent_sigma])
         column = np.arange(len(self._own))
         self._is_miss, self._site_dbm, self._site_db2 = (
-            np.zeros(is_heard.shape, kind) for kind in (bool, float, float)
+            np.zeros(is_received.shape, kind) for kind in (bool, float, float)
         )
         for is_again in (False, True) if p.is_censored else (False,):
-            weight, value = is_heard.astype(np.float64), self._dbm
+            weight, value = is_received.astype(np.float64), self._dbm
             if is_again:
                 self._see_misses(p.mean_sigma_db)
                 weight = weight + np.where(self._is_miss, 1.0 / (1.0 + self._site_db2 / p.mean_sigma_db**2), 0.0)
-                value = np.where(is_heard, self._dbm, self._site_dbm)
+                value = np.where(is_received, self._dbm, self._site_dbm)
             weighted = weight * value
             # normal equations of level and exponent for every place of the grid (J,) and every access point (A,)
             one, two, both = weight.sum(axis=0) + prior_level, loss**2 @ weight + prior_exponent, loss @ weight
@@ -296,7 +298,7 @@ class _Level:
         missed = 1.0 - p.reported * ndtr(z)
         first = -density / missed
         second = density * z / (scale * missed) - first**2
-        self._is_miss = (self._heard == 0) & (self._scans > 0) & (second < -MIN_INFORMATION)
+        self._is_miss = (self._received == 0) & (self._scans > 0) & (second < -MIN_INFORMATION)
         bent = np.where(self._is_miss, second, -1.0)
         self._site_dbm = self._mean_dbm - first / bent
         self._site_db2 = np.maximum(-1.0 / bent - sigma_db**2, 1.0) / np.maximum(self._scans, 1.0)

@@ -14,7 +14,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import middle_of_survey
 from pdrbench.trajectory import Start
-from pdrbench_baselines.gp_wifi.field import FieldParams, SignalMap
+from pdrbench_baselines.gp_wifi.field import SignalFieldParams, SignalMap
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
 STRONG_DBM = -60.0  # a reading counts in full there
@@ -38,7 +38,7 @@ class GpWifiParams:
         start_sigma_m: Around a known start, at least.
     """
 
-    field: FieldParams = field(default_factory=FieldParams)
+    field: SignalFieldParams = field(default_factory=SignalFieldParams)
     trust: float = 0.1
     power: float = 2.0
     unexpected: float = 1e-3

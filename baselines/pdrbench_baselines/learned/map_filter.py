@@ -38,7 +38,7 @@ class LearnedMapFilterParams:
         near_scale, near_bias_rad: Of its state.
         scan_trust: Power of what a scan says: neighbouring scans err alike, so that none is news of its own.
         drawn_trust: The same of a survey whose places were interpolated between surveyed ones.
-        lost_share: How often, at a scan, all particles are in the wrong place.
+        lost_fraction: How often, at a scan, all particles are in the wrong place.
     """
 
     num_particles: int = 2000
@@ -51,7 +51,7 @@ class LearnedMapFilterParams:
     near_bias_rad: float = math.radians(1.0)
     scan_trust: float = 0.5
     drawn_trust: float = 0.2
-    lost_share: float = 0.002
+    lost_fraction: float = 0.002
 
 
 class LearnedMapFilter(MapFilter):
@@ -107,7 +107,7 @@ class LearnedMapFilter(MapFilter):
         """
         p, rng = self._params, self._rng_scans
         weight = places.density_per_m2(self.particles_xy_m, self.particles_level) ** trust
-        lost = p.lost_share * places.area_m2**-trust  # a scan received just anywhere has this density
+        lost = p.lost_fraction * places.area_m2**-trust  # a scan received just anywhere has this density
         fraction = lost / (lost + float(weight.mean())) if may_be_lost else 0.0
         start, pick, fresh, jitter = rng.spawn(4)
         chosen = systematic(weight, start.random())

@@ -1,9 +1,9 @@
-"""Where a WLAN scan may have been heard: a mixture of surveyed places, as wide as the survey itself says.
+"""Where a WLAN scan may have been received: a mixture of surveyed places, as wide as the survey itself says.
 
 How far a scan is from the place of its nearest fingerprint differs by a factor of five between one survey and the next:
 two metres where the surveyor stood in every room, ten where walks are placed by interpolation. Each survey is therefore
 asked first: every scan of it is matched against those of all other walks, and the settings are taken under which the
-places where these scans were heard are likeliest.
+places where these scans were received are likeliest.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
 
 SOFTNESS: Final = (0.005, 0.01, 0.02, 0.04, 0.08)  # cosine distances over which a fingerprint loses 1 / e
-SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was heard around the place of its fingerprint, per axis
+SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was received around the place of its fingerprint, per axis
 ASTRAY: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # fractions of scans that say nothing of the place
 MAX_ASKED: Final = 300  # scans of a survey; more say the same
 MAX_PLACES: Final = 60  # of a mixture: the heaviest
@@ -39,7 +39,7 @@ class ScanPlaces:
         weight: (K,) their sum is 1.
         spread_m: Standard deviation per axis around each.
         astray: Fraction of the scans that say nothing of the place.
-        area_m2: Within which such scans are heard.
+        area_m2: Within which such scans are received.
         nearest: Distance of the scan from the nearest fingerprint.
     """
 

@@ -246,7 +246,7 @@ class Li2012:
     def _transition(self, frequency_hz: float, towards_rad: float) -> Transition:
         p = self._settings
         length_m = self.filter.model.length_m(frequency_hz)
-        place_m2 = p.near_m**2 + length_m**2 * (p.length_share**2 + p.heading_sigma_rad**2) / 2
+        place_m2 = p.near_m**2 + length_m**2 * (p.length_fraction**2 + p.heading_sigma_rad**2) / 2
         keeps = np.array([p.delta_a / 4, p.delta_b / 4, p.bias_walk_rad + p.bias_sigma_rad / 6]) + 1e-6
         covariance = np.diag([place_m2, place_m2, *np.square(keeps)])
 

@@ -56,7 +56,7 @@ class StepModelFilterParams:
     Attributes:
         num_particles: Always as many.
         start_sigma_m: Standard deviation around a tapped start, per axis.
-        length_share: Noise of a step's length, as a part of it.
+        length_fraction: Noise of a step's length, as a part of it.
         heading_sigma_rad: Noise of its heading.
         delta_a: The models of particles lie so far around the one at the start, in m/Hz; uniform.
         delta_b: Likewise, in metres.
@@ -73,7 +73,7 @@ class StepModelFilterParams:
 
     num_particles: int = 3000
     start_sigma_m: float = 1.0  # L3
-    length_share: float = 0.10  # L18
+    length_fraction: float = 0.10  # L18
     heading_sigma_rad: float = math.radians(10.0)  # L18, in the hand
     delta_a: float = 0.10  # L15
     delta_b: float = 0.15  # L15
@@ -226,7 +226,15 @@ class StepModelFilter(MapFilter):
             self._bias_rad += p.bias_walk_rad * self._rng_bias.standard_normal(self.num_particles)
         corrected_rad = heading_rad + self.correction_rad
         to_m: FloatArray = kernels.propagate(
-            self._local_m, self.a, self.b, self._bias_rad, off_rad, noise, p.length_share, frequency_hz, corrected_rad
+            self._local_m,
+            self.a,
+            self.b,
+            self._bias_rad,
+            off_rad,
+            noise,
+            p.length_fraction,
+            frequency_hz,
+            corrected_rad,
         )
         return to_m, off_rad
 

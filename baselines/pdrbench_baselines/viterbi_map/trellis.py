@@ -39,7 +39,7 @@ class TrellisParams:
         wall_probability: Of a walker who goes through a wall of the plan: plans are wrong here and there.
         beam: Survivors less likely than the best by this, as a logarithm, are dropped.
         max_survivors: The likeliest are kept.
-        lost_share: How often, at a scan, all survivors are in the wrong place.
+        lost_fraction: How often, at a scan, all survivors are in the wrong place.
     """
 
     square_m: float = 0.8
@@ -52,7 +52,7 @@ class TrellisParams:
     wall_probability: float = 0.003
     beam: float = 12.0
     max_survivors: int = 2000
-    lost_share: float = 0.002
+    lost_fraction: float = 0.002
 
 
 class Survivors(NamedTuple):
@@ -169,7 +169,7 @@ class Trellis(MapFilter):
         weighed = self._going_on().heavier(log_density)
         if may_be_lost and np.isin(places.level, self._lattice.convex.level).any():
             # Who is lost is where the scan was received, and took a path as likely as the best one.
-            lost = math.log(self._params.lost_share) - trust * math.log(places.area_m2)
+            lost = math.log(self._params.lost_fraction) - trust * math.log(places.area_m2)
             fresh = self._among(places)
             fresh = fresh.heavier(np.full(len(fresh.cell), lost - _log_sum(fresh.log_weight)))
             log_weight = fresh.log_weight + _log_sum(weighed.log_weight)

@@ -14,7 +14,7 @@ from pdrbench.geometry import FloatArray, IntArray, read_only
 
 if TYPE_CHECKING:
     from pdrbench.building import Building
-    from pdrbench_baselines.woodman2008.params import Cloud
+    from pdrbench_baselines.woodman2008.params import ParticleCloud
 
 NO_CLUSTER: Final = -1
 _TOUCH_M: Final = 1e-9  # what crossing a connection costs: sparse graphs take no zero
@@ -52,7 +52,7 @@ class Clusters:
         return math.sqrt(max(float(variance_m2), 0.0))
 
 
-def cluster(cloud: Cloud, building: Building, eps_m: float = 2.0) -> Clusters:
+def cluster(cloud: ParticleCloud, building: Building, eps_m: float = 2.0) -> Clusters:
     """Single linkage, which is DBSCAN with one sample a core: a chain of particles, each near the next.
 
     Two particles are near when they are at most `eps_m` apart and stand on the same floor polygon, or on two between

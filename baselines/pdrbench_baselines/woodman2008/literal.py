@@ -18,7 +18,7 @@ from pdrbench.filters import FilterError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Prior, enough
 from pdrbench_baselines.woodman2008.map_filter import bound_of, lay_out, motion_of, no_live_particle, prior_of
-from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 
 if TYPE_CHECKING:
     from pdrbench.building.region import FloorRegion
@@ -116,12 +116,12 @@ class LiteralFilter:
             self._bound,
         )
 
-    def cloud(self, most: int | None = None) -> Cloud:
+    def cloud(self, most: int | None = None) -> ParticleCloud:
         """The particles of this generation, thinned evenly to at most `most`."""
         every = 1 if most is None else max(1, math.ceil(self.num_particles / most))
         now = self._particles[: self.num_particles : every]
         xy_m = np.column_stack([now["x_m"], now["y_m"]])
-        return Cloud(xy_m, wrap_rad(now["heading_rad"]), now["polygon"], now["weight"])
+        return ParticleCloud(xy_m, wrap_rad(now["heading_rad"]), now["polygon"], now["weight"])
 
     def _begin(self) -> None:
         """No bin is occupied yet."""

@@ -17,7 +17,7 @@ from pdrbench.filters.random_numbers import random_offset
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.woodman2008 import generation
 from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Particles, Prior
-from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 
 FEW: Final = 20_000  # particles that one thread handles in one call
@@ -137,12 +137,12 @@ class WoodmanFilter:
         self._params, self._bound, self._few = params, bound_of(params), None
         self._bins = self._bins._replace(live_only=params.live_only)
 
-    def cloud(self, most: int | None = None) -> Cloud:
+    def cloud(self, most: int | None = None) -> ParticleCloud:
         """The particles of the last generation, thinned evenly to at most `most`."""
         every = 1 if most is None else max(1, math.ceil(self.num_particles / most))
         chosen = slice(0, self.num_particles, every)
         x, y, turns, weight = self._now.state[:, chosen].astype(np.float64)
-        return Cloud(
+        return ParticleCloud(
             xy_m=np.column_stack([x, y]) + self._origin_m,
             heading_rad=turns * FULL_TURN_RAD,
             polygon=self._convex.polygon[self._now.cell[chosen]],

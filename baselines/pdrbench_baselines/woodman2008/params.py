@@ -74,7 +74,7 @@ class HeadingPrior:
 
 
 @dataclass(frozen=True, slots=True)
-class Cloud:
+class ParticleCloud:
     """The particles of a filter.
 
     Attributes:

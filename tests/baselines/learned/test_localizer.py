@@ -280,7 +280,7 @@ def test_a_scan_in_parts_is_one_scan_and_unknown_access_points_are_ignored() -> 
 
 def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
     survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    cloud = LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(lost_share=0.0), 0)
+    cloud = LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(lost_fraction=0.0), 0)
     cloud.begin_near(np.array([15.0, 0.0]), radius_m=30.0)
     before_m = cloud.sigma_m
     for second in range(6):

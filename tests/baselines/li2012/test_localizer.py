@@ -151,7 +151,7 @@ def test_a_tap_off_the_floor_is_taken_to_the_floor(alley: Building) -> None:
 def test_all_particles_are_depleted_at_the_end_of_the_alley(alley: Building) -> None:
     """Steps lead beyond the end of the building: particles are redrawn where they were, and counted."""
     localizer = Li2012(
-        Li2012Params(StepModelFilterParams(num_particles=50, heading_sigma_rad=0.0, length_share=0.0), generic=True)
+        Li2012Params(StepModelFilterParams(num_particles=50, heading_sigma_rad=0.0, length_fraction=0.0), generic=True)
     )
     answers = play(localizer, briefed(alley, start=Start(np.array([58.0, 0.0]), 0)), carried(10.0))
     assert localizer.debug()["resets"] >= 1

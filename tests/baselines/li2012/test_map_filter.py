@@ -16,7 +16,7 @@ from pdrbench_baselines.li2012.turns import TurnDetector
 GENERIC = StepModel(0.181, 0.334)
 FEW = StepModelFilterParams(num_particles=600)
 EXACT = StepModelFilterParams(
-    num_particles=50, start_sigma_m=0.0, length_share=0.0, heading_sigma_rad=0.0, delta_a=0.0, delta_b=0.0
+    num_particles=50, start_sigma_m=0.0, length_fraction=0.0, heading_sigma_rad=0.0, delta_a=0.0, delta_b=0.0
 )
 WAY = np.array([[0, 0], [31, 0], [31, 15], [0, 15], [0, 0]], dtype=float)
 

@@ -10,16 +10,16 @@ from scipy.spatial.distance import cdist
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench_baselines.woodman2008.clusters import NO_CLUSTER, cluster, near_polygons
-from pdrbench_baselines.woodman2008.params import Cloud
+from pdrbench_baselines.woodman2008.params import ParticleCloud
 
 NUM_TREADS, TREAD_M = 18, 0.28  # of `stairs`
 UPPER, BESIDE = NUM_TREADS + 1, NUM_TREADS + 2
 
 
-def cloud_of(polygon: object, xy_m: object, weight: object = None, heading_rad: object = None) -> Cloud:
+def cloud_of(polygon: object, xy_m: object, weight: object = None, heading_rad: object = None) -> ParticleCloud:
     polygon = np.asarray(polygon)
     ones = np.ones(len(polygon))
-    return Cloud(
+    return ParticleCloud(
         np.asarray(xy_m, dtype=float),
         0 * ones if heading_rad is None else np.asarray(heading_rad, dtype=float),
         polygon,
@@ -27,7 +27,7 @@ def cloud_of(polygon: object, xy_m: object, weight: object = None, heading_rad: 
     )
 
 
-def slow_labels(cloud: Cloud, building: Building, eps_m: float) -> IntArray:
+def slow_labels(cloud: ParticleCloud, building: Building, eps_m: float) -> IntArray:
     """Slow reference of the flood fill: every pair, one by one."""
     first, near = near_polygons(building, eps_m)
     num_polygons = len(building.polygons)

@@ -8,11 +8,11 @@ from pdrbench.radio import kernels as radio_kernels
 from pdrbench.radio.matching import POWER
 from pdrbench.sensors import sensor_spec
 from pdrbench_baselines.frank2009.histograms import HistogramTable
-from pdrbench_baselines.frank2009.kernels import add_heard
+from pdrbench_baselines.frank2009.kernels import add_received
 from pdrbench_baselines.frank2009.warm import warm_up
 from pdrbench_lab.papers.frank2009 import bench as radio
 
-KERNELS = (add_heard, radio_kernels.cosine_distances, radio_kernels.strongest_readings)
+KERNELS = (add_received, radio_kernels.cosine_distances, radio_kernels.strongest_readings)
 
 
 @pytest.mark.parametrize("num_received", [40, 500])

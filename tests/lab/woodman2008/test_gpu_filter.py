@@ -24,7 +24,7 @@ from pdrbench.registry import make_task
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import Woodman2008
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
-from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_lab.papers.woodman2008 import gpu_localizer
 from pdrbench_lab.papers.woodman2008.gpu_localizer import Woodman2008Gpu, why_no_gpu
 
@@ -169,7 +169,7 @@ def test_same_bytes_again_and_whatever_the_blocks(office: Building) -> None:
     assert len(digests) == 1
 
 
-def moments(cloud: Cloud) -> list[float]:
+def moments(cloud: ParticleCloud) -> list[float]:
     weight = cloud.weight / cloud.weight.sum()
     mean = weight @ cloud.xy_m
     spread = weight @ (cloud.xy_m - mean) ** 2

@@ -24,7 +24,7 @@ from pdrbench.recording import Recording
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import FILTERS, WOODMAN2008, Woodman2008
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
-from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
 from pdrbench_lab.papers.settings import merged
@@ -323,7 +323,7 @@ def _after(
     polygon: int,
     heading: HeadingPrior,
     stride: tuple[float, float, float],
-) -> Cloud:
+) -> ParticleCloud:
     """Particles that stood in the middle of a convex polygon, one stride later."""
     x_m, y_m = building.polygons[polygon].outline_xy_m.mean(axis=0)
     corners = np.array([[[x_m, y_m], [x_m + 1e-4, y_m], [x_m, y_m + 1e-4]]])
@@ -333,7 +333,7 @@ def _after(
     return particles.cloud()
 
 
-def _weight_off_by(building: Building, cloud: Cloud, begun_in: int) -> float:
+def _weight_off_by(building: Building, cloud: ParticleCloud, begun_in: int) -> float:
     """Largest relative difference between the weights of the live and eq. (16), up to a common factor.
 
     In the fast filter no height weighs less than exp(-`MAX_EXPONENT`), at 12.6 sigma.
@@ -398,7 +398,7 @@ def agreement(seed: int) -> dict[str, Any]:
     }
 
 
-def _fractions(cloud: Cloud, building: Building) -> pd.Series:
+def _fractions(cloud: ParticleCloud, building: Building) -> pd.Series:
     """Of the weight, by cell, level and eighth of a turn."""
     eighth = np.floor(np.mod(cloud.heading_rad, 2 * math.pi) / (math.pi / 4))
     weight = pd.Series(cloud.weight).groupby([*np.floor(cloud.xy_m.T / CELL_M), building.level(cloud.polygon), eighth])

@@ -14,7 +14,7 @@ from pdrbench.picture import estimate_style
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
-from pdrbench_baselines.woodman2008.params import Cloud
+from pdrbench_baselines.woodman2008.params import ParticleCloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
 from pdrbench_formats.replays.dots import Dots
 from pdrbench_lab.drawing import (
@@ -59,7 +59,7 @@ class _Moment(NamedTuple):
 
     title: str
     strides: int
-    cloud: Cloud
+    cloud: ParticleCloud
 
 
 def _localisation(recording: Recording) -> dict[str, Any]:
@@ -173,6 +173,6 @@ def _errors(measured: Measured) -> dict[str, Any]:
     return {"fig10_errors": cdf_figure("woodman2008", by_walk, STATED_M, title=title)}
 
 
-def _dots(building: Building, cloud: Cloud) -> Dots:
+def _dots(building: Building, cloud: ParticleCloud) -> Dots:
     dots = Dots(cloud.xy_m, building.level(cloud.polygon), building.height(cloud.polygon), cloud.weight)
     return dots.thinned(DRAWN)

@@ -30,7 +30,7 @@ from pdrbench_baselines.woodman2008.map_filter import (
     no_live_particle,
     prior_of,
 )
-from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_lab.papers.woodman2008 import gpu_kernels as gpu
 from pdrbench_lab.papers.woodman2008.gpu_kernels import NUM_BINS, DeviceBins, DeviceWorld, cuda
 
@@ -185,13 +185,13 @@ class GpuFilters:
         self._params, self._bound = params, bound_of(params)
         self._bins = self._bins._replace(live_only=np.int32(params.live_only))
 
-    def cloud(self, walk: int, most: int | None = None) -> Cloud:
+    def cloud(self, walk: int, most: int | None = None) -> ParticleCloud:
         """The particles of the last generation of a walk, thinned evenly to at most `most`."""
         count = int(self.num_particles[walk])
         every = 1 if most is None else max(1, math.ceil(count / most))
         state, cell = self.particles(walk, every)
         x, y, turns, weight = state.astype(np.float64)
-        return Cloud(
+        return ParticleCloud(
             xy_m=np.column_stack([x, y]) + self._origin_m,
             heading_rad=turns * FULL_TURN_RAD,
             polygon=self._convex.polygon[cell].astype(np.int64),
@@ -366,7 +366,7 @@ class GpuFilter:
         """As `WoodmanFilter.propagate`."""
         self._all.propagate(np.array([[length_m, height_m, turn_rad]]))
 
-    def cloud(self, most: int | None = None) -> Cloud:
+    def cloud(self, most: int | None = None) -> ParticleCloud:
         """As `WoodmanFilter.cloud`."""
         return self._all.cloud(0, most)
 
