@@ -87,13 +87,6 @@ def test_walks_of_one_person_share_a_cluster(monkeypatch: pytest.MonkeyPatch) ->
     assert abs(np.diff(one)[0]) < 0.5 * one.mean() and len(set(other)) == 2
 
 
-def test_without_heel_strike_a_row_changes() -> None:
-    control = FOOT_IMU.controls["no heel strike"]
-    right, wrong = FOOT_IMU.synthetic(3, 2), control.synthetic(3, 2)
-    assert np.median(wrong[control.statistic]) < 0.8 * np.median(right[control.statistic])
-    assert np.max(wrong["power_20"]) < np.min(right["power_20"])
-
-
 def test_a_unit_without_aid_is_lost_after_a_minute() -> None:
     # W20: more than 100 m after a minute.
     (row,) = FREE_INERTIAL.statistics

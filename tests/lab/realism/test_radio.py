@@ -115,31 +115,6 @@ def test_a_survey_has_the_same_bytes_whenever_it_is_drawn(monkeypatch: pytest.Mo
     assert [walk.wifi.tobytes() for walk in one] != [walk.wifi.tobytes() for walk in other]
 
 
-@pytest.fixture(scope="module")
-def floor() -> list[SurveyWalk]:
-    return radio.survey_floor(np.random.default_rng([4, 0]))
-
-
-def test_surveyors_come_from_elsewhere_so_that_the_first_scan_lists_as_much_as_later_ones(floor: list[SurveyWalk]):
-    """Site 1: 335 identifiers in the first three seconds, 332 after 8 to 15 s; 20 % of them older than 15 s in both."""
-    scans = [
-        (rows[0, 0] - walk.t_s[0], len(rows), (rows[:, 4] > 15.0).mean()) for walk in floor for rows in walk.scans()
-    ]
-    since_s, entries, old = np.array(scans).T
-    first, later = since_s < 3.0, (since_s > 8.0) & (since_s < 25.0)
-    assert min(walk.wifi[0, 0] - walk.t_s[0] for walk in floor) >= 0.0  # nothing of the way there is kept
-    assert entries[first].mean() == pytest.approx(entries[later].mean(), rel=0.25)
-    assert 0.15 < old[first].mean() < 0.45
-
-
-def test_a_tenth_of_the_scans_has_hardly_anything_new(floor: list[SurveyWalk]):
-    """Those in passages. Site 1: 0.18 of what the best tenth receives, and 0.69 in the middle."""
-    num_received = np.array([(rows[:, 4] < 2.5).sum() for walk in floor for rows in walk.scans()])
-    low, middle, high = np.percentile(num_received, (10, 50, 90))
-    assert 0.05 < low / high < 0.35
-    assert 0.5 < middle / high < 0.9
-
-
 def test_real_walks_are_split_into_fit_and_check(data_root: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
     fit = radio.real("fit")
