@@ -142,7 +142,11 @@ def formats(as_json: AsJson = False) -> None:
     """Formats of files that `inspect` and `convert` read."""
     from pdrbench.io import READERS
 
-    items = _items(READERS.entries(), READERS.group, lambda entry: _module_summary(READERS[entry.id].read))
+    def describe(entry: PluginEntry) -> Item:
+        reader = READERS[entry.id]
+        return {"summary": reader.summary} if reader.summary else _module_summary(reader.read)
+
+    items = _items(READERS.entries(), READERS.group, describe)
     _print_items(items, {"id": WHOLE, "package": WHOLE, "summary": REST}, as_json)
 
 

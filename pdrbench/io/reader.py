@@ -56,6 +56,7 @@ class Reader:
             a log with errors among its findings instead of raising them.
         fallback: True for a format that many files seem to be in: asked after all others.
         hint: Text on a file for `pdrbench inspect` to print last, such as a column map to correct; None for no hint.
+        summary: What lists say of it; empty for the docstring of the module of `read`.
     """
 
     read: Callable[..., Any]
@@ -63,6 +64,7 @@ class Reader:
     options: tuple[str, ...] = ()
     fallback: bool = False
     hint: Callable[[Path], str] | None = None
+    summary: str = ""
 
 
 def head_of(path: Path) -> Head:

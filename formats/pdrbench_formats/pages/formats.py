@@ -32,8 +32,7 @@ def formats_page() -> str:
     sections, others = [], []
     for name in READERS:
         facts = format_facts(name)
-        is_app = name in app_names()
-        title = app_of(FOLDER / f"{name}.toml").title if is_app else first_sentence(_docstring(name)).rstrip(".")
+        title = (READERS[name].summary or first_sentence(_docstring(name))).rstrip(".")
         if facts:
             rows = [f"| {key} | {facts[key].replace('|', chr(92) + '|')} |" for key in FACTS[1:] if key in facts]
             sections.append("\n".join([f"### {name}", "", f"{title}. {facts['App']}", "", "| | |", "|---|---|", *rows]))

@@ -100,7 +100,11 @@ def reader_of(path: Path) -> Reader:
     """The reader of the tables of an app, by its TOML file."""
     app = app_of(path)
     return Reader(
-        functools.partial(_read, app), functools.partial(_sniff, app), options=("strict",), fallback=app.fallback
+        functools.partial(_read, app),
+        functools.partial(_sniff, app),
+        options=("strict",),
+        fallback=app.fallback,
+        summary=f"{app.title}.",
     )
 
 
