@@ -43,8 +43,3 @@ def test_compiled_is_the_same_function() -> None:
     compiled = njit(kld_bound)
     for num_bins in (*range(50), 12_345, 9_999_999):
         assert compiled(num_bins, 0.05, 2.3263478740408408) == kld_bound(num_bins, 0.05, 2.3263478740408408)
-
-
-def test_quantile() -> None:
-    assert normal_quantile(0.5) == pytest.approx(0.0)
-    assert normal_quantile(0.025) == pytest.approx(1.959964, abs=1e-6)

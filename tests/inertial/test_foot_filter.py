@@ -268,14 +268,6 @@ def test_switched_on_with_a_bias_of_two_degrees_per_second(axis: int, measure: A
         assert off_m(navigate(*measured, LITERAL), motion)[-1] > 5
 
 
-def test_a_gap_while_standing_is_no_turn(measure: Any) -> None:
-    """One sample after a gap of ten seconds must not count for ten seconds."""
-    measured = without(measure(walk(0, still_s=16.0)), 3.0, 13.0)
-    measured[2][np.searchsorted(measured[0], 13.0)] = [0.0, 0.0, 0.006]  # noise; 0.06 rad in 10 s
-    states = navigate(*measured, FOOT)
-    assert abs(states.x[-1, 15]) < math.radians(0.02)
-
-
 # Real feet.
 
 

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
-from pdrbench.inertial import LevelTracker, PeakStepDetector, VerticalParams, level_heights
+from pdrbench.inertial import LevelTracker, PeakStepDetector, VerticalParams
 from pdrbench.inertial.vertical import SCALE_HEIGHT_M, LevelChange
 from pdrbench.io.log import Log
 from pdrbench_formats.detect import read
@@ -103,12 +102,6 @@ def test_what_cannot_be_meant_is_refused() -> None:
         LevelTracker(7, FLOORS_M)
     with pytest.raises(PdrbenchError, match="settle_s must be positive"):
         VerticalParams(settle_s=0.0)
-
-
-def test_heights_are_those_of_floors_and_not_of_stairs(office: Building) -> None:
-    heights_m = level_heights(office)
-    assert heights_m[0] == 0.0
-    assert heights_m[1] == pytest.approx(max(p.height_m for p in office.polygons if p.kind == "floor"))
 
 
 @pytest.mark.data

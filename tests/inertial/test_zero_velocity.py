@@ -112,13 +112,6 @@ def test_softness() -> None:
     assert (np.diff(soft_sigma(np.geomspace(1.0, 1e6, 40), np.linspace(0, 3, 40), soft, knee)) > 0).all()
 
 
-def test_a_faster_sensor_is_not_more_certain() -> None:
-    """Samples come twice as often, and each says half as much."""
-    soft = {rate: RestDetector(DETECTORS["soft"], rate) for rate in (200.0, 400.0)}
-    sigma = {rate: stream.update(*resting())[0][-1] for rate, stream in soft.items()}
-    assert sigma[400.0] ** 2 == pytest.approx(2 * sigma[200.0] ** 2)
-
-
 def test_settings_that_cannot_be() -> None:
     for wrong in ({"threshold": -1.0}, {"window_s": 0.0}, {"sigma_mps": np.nan}, {"lowest_knee": np.inf}):
         with pytest.raises(ValueError, match=next(iter(wrong))):

@@ -75,17 +75,6 @@ def test_the_prior_is_the_intersection_of_strong_access_points(seen: VisibilityM
     assert seen.start([20, 10], [-60.0, -75.0], threshold_dbm=-80.0).region.area_m2 == pytest.approx(both.area_m2)
 
 
-def test_more_access_points_never_widen_the_region(seen: VisibilityMap, rng: np.random.Generator):
-    for _ in range(50):
-        chosen = rng.permutation(seen.access_point)
-        start = seen.start(chosen, -50.0 - np.arange(4.0))
-        areas = [seen.start(chosen[:n], -50.0 - np.arange(float(n))).region.area_m2 for n in range(1, 5)]
-        assert areas == sorted(areas, reverse=True)
-        assert start.region.area_m2 == pytest.approx(areas[-1])
-        assert areas[-1] > 0
-        assert [*start.used, *start.dropped] == chosen.tolist()
-
-
 def test_the_weakest_is_dropped_until_something_is_left(seen: VisibilityMap, cells: Cells):
     # 40 is visible in the attic only: with 10 or 20 nothing is left.
     start = seen.start([40, 10, 20], [-70.0, -60.0, -50.0])

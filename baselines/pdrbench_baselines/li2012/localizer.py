@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final
@@ -28,7 +29,7 @@ from pdrbench_baselines.li2012.user_heading import UserHeading
 
 BY_LIFT: Final = float(WAYS.index("lift"))
 KEPT_S: Final = 8.0  # of attitudes: a step may be validated two steps late, and wait for the one before it
-HEADING_BIAS: Final = MappingProxyType(  # settings of the filter with `heading_bias`
+HEADING_BIAS: Final[Mapping[str, Any]] = MappingProxyType(  # settings of the filter with `heading_bias`
     {
         "adjustment": 0.0,
         "heading_sigma_rad": math.radians(5.0),  # sources.md 1.5 and 1.4: what is left within a leg is 4 degrees
