@@ -1,12 +1,8 @@
-"""The filter on a GPU, against the processor's. Where there is none, Numba's simulator runs it on tiny clouds."""
+"""The filter on a GPU, against the processor's. NUMBA_ENABLE_CUDASIM=1 runs it in Numba's simulator, in minutes."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +18,7 @@ from pdrbench.gym.checking import by_episode
 from pdrbench.localizer import Briefing
 from pdrbench.registry import make_task
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.localizer import Woodman2008
+from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_lab.papers.woodman2008 import gpu_localizer
@@ -121,20 +117,12 @@ def test_what_cannot_be_done(stairs: Building) -> None:
         particles.update(np.array([[1.0, 0.0, 0.0]]))
 
 
-@pytest.mark.skipif(not why_no_gpu(), reason="kernels run here")
-def test_in_the_simulator() -> None:
-    environ = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "PYTEST_ADDOPTS": ""}  # all of this file, whatever CI chooses
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", Path(__file__)]
-    done = subprocess.run(command, env=environ, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "5 passed" in done.stdout, done.stdout
-
-
 def test_without_a_gpu_it_declines(monkeypatch: pytest.MonkeyPatch, stairs: Building) -> None:
     monkeypatch.setattr(gpu_localizer, "why_no_gpu", lambda: "no GPU: buy one")
     with pytest.raises(UnsuitableError, match="buy one"):
         Woodman2008Gpu().reset(Briefing(stairs, {}, 0.2), np.random.default_rng(0))
     with pytest.raises(PdrbenchError, match="use woodman2008"):
-        Woodman2008Gpu({"mode": "literal"})
+        Woodman2008Gpu(Woodman2008Params(mode="literal"))
 
 
 @needs_gpu
