@@ -39,6 +39,7 @@ class KoepingParams:
         sigma0_m: Error of the observed position per axis, at the beginning.
         q_m2ps: Growth of its variance.
         estimate: "mean": the weighted mean; "map": the cell that holds most weight.
+        revises: Whether clouds are kept, from which `revise` draws the past.
     """
 
     num_particles: int = 2000  # [P] Fig. 2, K8
@@ -48,6 +49,7 @@ class KoepingParams:
     sigma0_m: float = 0.3  # K5
     q_m2ps: float = 0.02  # K5
     estimate: Kind = "mean"  # K12
+    revises: bool = True
 
     def __post_init__(self) -> None:
         if self.num_particles < 1:
@@ -104,8 +106,9 @@ class Koeping2012:
         self._cell = self._table.start(rng, self._params.num_particles)
         self._table.move(self._cell[:0], rng)  # compiles, so that no observation waits for it
         self._estimate = self._locate(np.full(len(self._cell), 1.0 / len(self._cell)))
-        self._past, self._last_s = BackwardSampler(), 0.0
-        self._past.follow(self._stored(0.0), 0.0)
+        self._past, self._last_s = BackwardSampler() if self._params.revises else None, 0.0
+        if self._past is not None:
+            self._past.follow(self._stored(0.0), 0.0)
 
     def step(self, observation: Observation) -> Estimate:
         for t_s, x_m, y_m in self._clock.rows(observation["position"]):
@@ -114,10 +117,12 @@ class Koeping2012:
         if missed:
             self._move(missed)
             self._estimate = self._locate(np.full(len(self._cell), 1.0 / len(self._cell)))
-        return self._past.answered(observation.now_s, self._estimate)
+        return self._estimate if self._past is None else self._past.answered(observation.now_s, self._estimate)
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept."""
+        if self._past is None:
+            return None
         (rng,) = self._rng.spawn(1)
         return self._past.revised(rng)
 
@@ -138,7 +143,8 @@ class Koeping2012:
         weight = self._weigh(t_s, xy_m)
         self._estimate = self._locate(weight)
         self._cell = self._cell[draw_sorted(weight, self._rng.standard_exponential(len(weight) + 1))]
-        self._past.follow(self._stored(t_s), self._last_s, self._transition(t_s - self._last_s))
+        if self._past is not None:
+            self._past.follow(self._stored(t_s), self._last_s, self._transition(t_s - self._last_s))
         self._last_s = t_s
 
     def _move(self, updates: int) -> None:

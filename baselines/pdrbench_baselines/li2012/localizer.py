@@ -64,6 +64,7 @@ class Li2012Params:
             answers where the last step ended, as the paper's system shows it and as its steps are judged there.
         carry_s: It stops, and goes back, where no step has ended for so long.
         margin_steps: Deaths so many steps before a turn belong to it: who is too long hits the wall at its end first.
+        revises: Whether clouds are kept, from which `revise` draws the past.
     """
 
     filter: StepModelFilterParams = field(default_factory=StepModelFilterParams)
@@ -80,6 +81,7 @@ class Li2012Params:
     carries_on: bool = False
     carry_s: float = 1.2  # ours: a step becomes known 0.4 s after its end, and the next one ends half a second later
     margin_steps: int = 4  # ours: half the median filter of L17
+    revises: bool = True
 
     def of_filter(self, *, in_pocket: bool) -> StepModelFilterParams:
         """Settings of the filter for a way of carrying."""
@@ -146,8 +148,9 @@ class Li2012:
         self._attitudes: FloatArray = np.zeros((0, 5))
         self._last_heading_rad = start.heading_rad
         self._last_end_s, self._velocity_mps = -math.inf, np.zeros(2)
-        self._rng, self._settings, self._past = rng, settings, BackwardSampler()
-        self._past.follow(self._stored(0.0), 0.0)
+        self._rng, self._settings, self._past = rng, settings, BackwardSampler() if p.revises else None
+        if self._past is not None:
+            self._past.follow(self._stored(0.0), 0.0)
 
     def step(self, observation: Observation) -> Estimate:
         self._take_attitudes(observation)
@@ -161,7 +164,7 @@ class Li2012:
         if self._has_level_changes:
             for _, levels, _, way in observation["level_change"].tolist():
                 self.filter.change_level(int(levels), by_lift=way == BY_LIFT)
-            if len(observation["level_change"]):
+            if self._past is not None and len(observation["level_change"]):
                 self._past.amend(self._stored(observation.now_s))
         estimate = Estimate(
             xy_m=self.filter.xy_m + self._extrapolated_m(observation.now_s),
@@ -169,13 +172,15 @@ class Li2012:
             heading_rad=self._last_heading_rad,
             sigma_m=self.filter.sigma_m,
         )
-        return self._past.answered(observation.now_s, estimate)
+        return estimate if self._past is None else self._past.answered(observation.now_s, estimate)
 
-    def revise(self) -> FloatArray:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers.
+    def revise(self) -> FloatArray | None:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept.
 
         The revised past has places at the times at which steps ended, and goes on evenly between them.
         """
+        if self._past is None:
+            return None
         (rng,) = self._rng.spawn(1)
         return self._past.revised(rng)
 
@@ -229,8 +234,9 @@ class Li2012:
         if turn is not None:
             margin = self._params.margin_steps
             self.filter.turned(turn.begin - margin, turn.end + margin)
-        transition = self._transition(frequency_hz, corrected_rad)
-        self._past.follow(self._stored(end_s), end_s - 1.0 / frequency_hz, transition)
+        if self._past is not None:
+            transition = self._transition(frequency_hz, corrected_rad)
+            self._past.follow(self._stored(end_s), end_s - 1.0 / frequency_hz, transition)
 
     def _extrapolated_m(self, now_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last step ended."""
