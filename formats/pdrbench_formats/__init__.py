@@ -25,6 +25,8 @@ EXCHANGES: Final = {
 _APPS: Final = sorted(path.stem for path in (Path(__file__).parent / "recordings").glob("*.toml"))
 
 READERS: Final = {
+    "geojson": "pdrbench_formats.maps.geojson:READER",
+    "native": "pdrbench_formats.recordings.native:READER",
     "getsensordata": "pdrbench_formats.recordings.getsensordata:READER",
     "sensor_logger": "pdrbench_formats.recordings.sensor_logger:READER",
     "phyphox": "pdrbench_formats.recordings.phyphox:READER",

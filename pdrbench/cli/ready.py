@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from pdrbench.cli.output import note
@@ -73,24 +73,6 @@ def check_localizer_exists(name: str, isolation: str) -> type | None:
     target_sha256(localizer_target(name))
     canonical_localizer(name)
     return None
-
-
-def newest_versions(names: Iterable[str]) -> dict[str, str]:
-    """The newest version of each id of which there is a newer one.
-
-    >>> newest_versions(["mine-v0", "mine-v10", "mine-v2", "other-v1"])
-    {'mine-v0': 'mine-v10', 'mine-v2': 'mine-v10'}
-    """
-    numbers: dict[str, list[int]] = {}
-    for name, _, number in (name.rpartition("-v") for name in names):
-        if number.isdecimal():
-            numbers.setdefault(name, []).append(int(number))
-    return {
-        f"{name}-v{number}": f"{name}-v{max(every)}"
-        for name, every in numbers.items()
-        for number in every
-        if number < max(every)
-    }
 
 
 def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: str = "process") -> tuple[str, ...]:

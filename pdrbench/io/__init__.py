@@ -11,10 +11,7 @@ from typing import Final
 from pdrbench.io.reader import Head, Reader
 from pdrbench.registry import Table
 
-BUILTIN: Final = {
-    "geojson": "pdrbench.io.geojson:READER",
-    "native": "pdrbench.io.native:READER",
-}
+BUILTIN: Final[dict[str, str]] = {}
 READERS: Final[Table[Reader]] = Table("pdrbench.readers", "format", BUILTIN)
 
 __all__ = ["BUILTIN", "READERS", "Head", "Reader"]

@@ -13,8 +13,9 @@ import pytest
 
 import pdrbench
 from pdrbench.evaluation import evaluate, store
-from pdrbench.io import geojson, native
 from pdrbench_formats.detect import detect
+from pdrbench_formats.maps import geojson
+from pdrbench_formats.recordings import native
 
 ILC20 = "#\tstartTime:1574559781435\n#\tSiteID:a\tFloorName:F1\n#\tBrand:OPPO\tModel:X\n"
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.io import native
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.pages.map_check import check_walk
+from pdrbench_formats.recordings import native
 from pdrbench_sim.buildings.assembly import one_room
 
 ROOM = [[0, 0], [6, 0], [6, 4], [0, 4], [0, 0]]

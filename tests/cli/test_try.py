@@ -15,8 +15,8 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.inertial.foot_motion import walk as foot_walk
-from pdrbench.io import geojson
 from pdrbench.registry import make_task
+from pdrbench_formats.maps import geojson
 
 LAT, LON = 49.46, 11.11
 QUESTIONS = ("who", "where", "how", "device", "licence", "consent")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
-from pdrbench.io import geojson
+from pdrbench_formats.maps import geojson
 
 finite = st.floats(-1e6, 1e6, allow_nan=False)
 names = st.text(st.characters(exclude_categories=("Cs",)), max_size=8)

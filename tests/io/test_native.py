@@ -10,10 +10,10 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import RecordingError
-from pdrbench.io import native
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings import native
 
 
 def room() -> Building:

@@ -13,7 +13,6 @@ from pdrbench.errors import PdrbenchError, RecordingError
 from pdrbench.evaluation import evaluate, load_results
 from pdrbench.gym import check_task
 from pdrbench.inertial import phone_heading_rad
-from pdrbench.io import geojson, native
 from pdrbench.io.geo import GeoFrame
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import PluginError, make_task, task_place
@@ -21,6 +20,8 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.detect import read as io_read
+from pdrbench_formats.maps import geojson
+from pdrbench_formats.recordings import native
 from pdrbench_formats.recordings.opaque import opaque_id
 from pdrbench_formats.taskfile import as_toml, files, load, read_task_file, walks_of_file
 from pdrbench_formats.taskfile.pack import pack

@@ -12,14 +12,15 @@ from pdrbench.building import Building
 from pdrbench.cli.options import write_text
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.errors import PdrbenchError
-from pdrbench.io import geojson, native
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench_formats.commands.inspect import COLUMNS_HELP, FORMAT_HELP, TABLE, read_thing
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.export import FORMATS
+from pdrbench_formats.maps import geojson
 from pdrbench_formats.maps.plan import Plan
+from pdrbench_formats.recordings import native
 
 
 def convert(

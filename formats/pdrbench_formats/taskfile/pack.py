@@ -18,9 +18,10 @@ from pdrbench.datasets.download import Fetched, Progress, fetch_bytes, fetch_int
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.datasets.integrity import sha256_of
 from pdrbench.errors import DatasetError
-from pdrbench.io import geojson, native
 from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
+from pdrbench_formats.maps import geojson
+from pdrbench_formats.recordings import native
 from pdrbench_formats.taskfile.load import Walks, walks_of_file
 from pdrbench_formats.taskfile.schema import (
     AlignTable,
@@ -52,7 +53,7 @@ _QUESTIONS: Final = {
 def pack(path: Path, folder: Path) -> str:
     """Writes a task into a new folder: walks, plan, task file, data card, and an index with hashes.
 
-    Walks are written as `pdrbench.io.native` does, in metres and seconds, so that a later pdrbench reads the same
+    Walks are written as `recordings.native` does, in metres and seconds, so that a later pdrbench reads the same
     numbers, and that names of networks, ids of devices and times of day stay behind.
 
     Args:

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import DatasetError
-from pdrbench.io import native
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
+from pdrbench_formats.recordings import native
 from pdrbench_lab.learned.public_sets import LISTS, TRAIN, load, public_walks
 from pdrbench_sim.readers import ilc20
 
@@ -25,8 +25,8 @@ def own_recordings(folder: Path) -> Iterator[Recording]:
     """Every recording below a folder, in the order of their names, then the walks to train on of public sets.
 
     Args:
-        folder: Holds folders as `pdrbench.io.native` writes them, logs as `pdrbench_sim.readers.ilc20` reads them, and
-            walks of `public_sets`.
+        folder: Holds folders as `recordings.native` of the formats writes them, logs as `pdrbench_sim.readers.ilc20`
+            reads them, and walks of `public_sets`.
 
     Raises:
         DatasetError: There is none, or one that lacks a sensor or has fewer than two places.

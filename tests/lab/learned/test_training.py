@@ -13,10 +13,10 @@ import pytest
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
-from pdrbench.io import native
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings import native
 
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")

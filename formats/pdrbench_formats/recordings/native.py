@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.files import sync
-from pdrbench.io import geojson
 from pdrbench.io.reader import Reader
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.maps import geojson
 
 FORMAT, VERSION = "pdrbench-recording", 1
 INDEX, BUILDING = "recording.json", "building.geojson"

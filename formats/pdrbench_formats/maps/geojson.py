@@ -92,7 +92,7 @@ def _read_json(path: Path) -> Mapping[str, Any]:
     except UnicodeDecodeError as error:
         raise MapError(f"{path}: byte {error.start} is not UTF-8; save it as UTF-8") from None
     if not text.strip():
-        raise MapError(f"{path}: is empty; write it with pdrbench.io.geojson.write")
+        raise MapError(f"{path}: is empty; write it with pdrbench_formats.maps.geojson.write")
     try:
         document = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
     except MapError as error:
