@@ -19,7 +19,7 @@ SMALL_SUITE = """
     from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
     small = Suite(
         name="small-v0", summary="For tests.", seeds=1, metrics=("mean_m",), commitment="0" * 64, held_out_walks=2,
-        environments=(SuiteEnvironment(env="BuildingSite-v1", walks=2, noise_m=0.05),),
+        environments=(SuiteEnvironment(env="OfficeStride-v2", walks=2, noise_m=0.05),),
     )
     known = {**suites.suites(), small.name: small}
     suites.suites = lambda: known

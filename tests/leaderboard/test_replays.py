@@ -394,7 +394,7 @@ def test_an_honest_localizer_scores_alike(task: Task) -> None:
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("env", ["FootVicon-v1", "MallPhone-v2", "IpinPhone-v1", "PhoneSteps-v1"])
+@pytest.mark.parametrize("env", ["FootVicon-v1", "MallPhone-v2", "IpinPhone-v1"])
 def test_recorded_environments_have_replays(env: str, data_root: Path) -> None:
     task = make_task(env, SECRET)
     if not (data_root / str(task.dataset)).is_dir():
