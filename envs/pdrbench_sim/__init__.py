@@ -1,8 +1,8 @@
 """The simulator: synthetic buildings, people who walk through them, and what their sensors measure.
 
 `buildings` draws buildings; `people` plans routes through any building and walks them; `foot` and `phone` move a unit;
-`units`, `fields` and `radio` give what it measures; `record` puts all of it together, and `resolution` rounds it to what
-the devices say. `readers` reads recorded sets. Import the submodules: they need SciPy and shapely.
+`units`, `fields` and `radio` give what it measures; `record` puts all of it together, and `resolution` rounds it to
+what devices say. `readers` reads recorded sets. Import the submodules: they need SciPy and shapely.
 """
 
 READERS = {

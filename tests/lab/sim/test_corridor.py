@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError, RecordingError
-from pdrbench_lab.environments.handling import record_handling
 from pdrbench_lab.papers.frank2009.wlan_hallway.hallway import make_hallway
 from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     CORRIDOR,
@@ -20,6 +19,7 @@ from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     start_heading_rad,
     tapped,
 )
+from pdrbench_lab.papers.li2012.handling import record_handling
 from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place

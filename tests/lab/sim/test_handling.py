@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.inertial.steps import PeakStepDetector
-from pdrbench_lab.environments.handling_motion import HandlingParams, handling_motion
+from pdrbench_lab.papers.li2012.handling_motion import HandlingParams, handling_motion
 from pdrbench_sim.units.motion import GRAVITY_MPS2, MotionError, RigidMotion
 
 

@@ -21,7 +21,6 @@ from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.li2012.localizer import LI2012, Li2012
 from pdrbench_baselines.li2012.map_filter import StepModel
-from pdrbench_lab.environments.handling import record_handling
 from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     CORRIDOR,
     PHONES,
@@ -32,6 +31,7 @@ from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     start_heading_rad,
     tapped,
 )
+from pdrbench_lab.papers.li2012.handling import record_handling
 from pdrbench_lab.papers.li2012.model import walked_m
 from pdrbench_lab.papers.settings import merged
 from pdrbench_sim.people.person import Person, draw_person

@@ -16,8 +16,8 @@ from pdrbench.datasets import dataset
 from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, find_steps
-from pdrbench_lab.environments.handling import TC1
-from pdrbench_lab.environments.handling_motion import HandlingParams, handling_motion
+from pdrbench_lab.papers.li2012.handling import TC1
+from pdrbench_lab.papers.li2012.handling_motion import HandlingParams, handling_motion
 from pdrbench_lab.papers.li2012.step_scores import EventMatch, match_events
 from pdrbench_lab.readers import phone_steps
 from pdrbench_sim.buildings.ring_floor import bare_ring

@@ -13,7 +13,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
-from pdrbench_lab.environments.handling_motion import HandlingParams, handling_motion
+from pdrbench_lab.papers.li2012.handling_motion import HandlingParams, handling_motion
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.phone.sensors import phone_rows, sample_times
 from pdrbench_sim.record import BuildingScene
