@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from pdrbench.registry import make_task
 from pdrbench.task import commitment
-from pdrbench_leaderboard import suites
+from pdrbench_leaderboard import signing, suites
 from pdrbench_leaderboard.entry import Entry
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.ranking import Board, make_board
@@ -19,7 +20,7 @@ from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench_leaderboard.table import table
 from pdrbench_leaderboard.verify import Terms, verify
 
-from .conftest import NONCE, SECRET, card_named
+from .conftest import NONCE, SECOND_NONCE, SECRET, card_named
 
 ENV, WALKS = "Toy-v1", 2
 HERE = {"isolation": "none"}  # in this process: what is tested is the score
@@ -96,8 +97,8 @@ def suite() -> Iterator[Suite]:
         yield made
 
 
-@pytest.fixture
-def file(tmp_path: Path, suite: Suite) -> Path:
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory, suite: Suite) -> Path:
     task, rows = make_task(ENV), {}
     for walk in suite.walks(ENV):
         recording = task.load(walk)
@@ -106,7 +107,7 @@ def file(tmp_path: Path, suite: Suite) -> Path:
         times = np.arange(0.0, truth.t_s[-1] + task.period_s, task.period_s)
         at = np.searchsorted(truth.t_s, times, side="right").clip(1) - 1
         rows[f"{recording.building.edge_start_xy_m.sum():.3f}"] = truth.xy_m[at].tolist()
-    path = tmp_path / "remembers.py"
+    path = tmp_path_factory.mktemp("memory") / "remembers.py"
     path.write_text(HONEST.format(table=json.dumps(rows)))
     return path
 
@@ -120,10 +121,12 @@ def verified(file: Path, suite: Suite, terms: Terms, name: str) -> Entry:
     return one.entry
 
 
-@pytest.fixture
-def ranked(file: Path, suite: Suite, terms: Callable[..., Terms]) -> Board:
+@pytest.fixture(scope="module")
+def ranked(file: Path, suite: Suite) -> Board:
+    signing.new_key(file.with_name("maintainer.key"), "M. Aintainer", datetime.date(2026, 1, 1))
+    terms = Terms(nonce=SECOND_NONCE, secrets=(SECRET,), key=file.with_name("maintainer.key"))
     names = ("Honest", "Memorises", "Crashes", "Declines", "Silent")
-    return make_board([verified(file, suite, terms(secrets=(SECRET,)), name) for name in names])
+    return make_board([verified(file, suite, terms, name) for name in names])
 
 
 def test_a_table_of_answers_is_perfect_in_public_and_does_not_rank_ahead(ranked: Board) -> None:

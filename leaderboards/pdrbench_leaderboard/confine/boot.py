@@ -32,7 +32,7 @@ MS_PRIVATE_TREE: Final = 0x4000 | 0x40000  # MS_REC | MS_PRIVATE
 MNT_DETACH: Final = 2
 SYS_MOUNT_SETATTR: Final = 442  # on every architecture; Linux 5.12
 AT_FDCWD, AT_RECURSIVE = -100, 0x8000
-PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 1, 4, 36
+PR_SET_PDEATHSIG, PR_SET_DUMPABLE = 1, 4
 LENGTH_BYTES: Final = 4
 LAUNCHER: Final = "pdrbench_leaderboard.confine.launcher"  # which needs this module, and is what it becomes
 CAN_CONFINE: Final = sys.platform == "linux" and hasattr(os, "fork")
@@ -86,7 +86,6 @@ def main(descriptor: int) -> None:
         _arrange_files(orders, record)
     with contextlib.suppress(OSError, AttributeError):
         prctl(PR_SET_DUMPABLE, 0)  # no other process can read the launcher's memory
-        prctl(PR_SET_CHILD_SUBREAPER, 1)  # orphans of its children become its own
     with _no_plug_ins():
         launcher_module: Any = importlib.import_module(LAUNCHER)
     _hide_data(orders, record)

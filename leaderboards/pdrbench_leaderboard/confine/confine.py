@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from pdrbench.process.child_process import MEBIBYTE
 from pdrbench_leaderboard.confine import seccomp
 from pdrbench_leaderboard.confine.boot import (
     CAN_CONFINE,
@@ -22,7 +23,6 @@ from pdrbench_leaderboard.confine.boot import (
     prctl,
 )
 from pdrbench_leaderboard.confine.landlock import Ruleset, protections
-from pdrbench_leaderboard.confine.usage import MEBIBYTE
 
 resource: Any = importlib.import_module("resource") if CAN_CONFINE else None
 PR_SET_NO_NEW_PRIVS: Final = 38

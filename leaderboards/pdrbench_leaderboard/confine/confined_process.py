@@ -14,6 +14,7 @@ from typing import Final
 from pdrbench.process.child_process import (
     CHECK_S,
     MAX_OUTPUT_BYTES,
+    MEBIBYTE,
     REPLIES_CLOSED,
     REQUESTS_CLOSED,
     UNREQUESTED,
@@ -28,8 +29,8 @@ from pdrbench.process.messages import TRACE_SIGNAL, ProtocolError, frame_size
 from pdrbench_leaderboard.confine import scratch
 from pdrbench_leaderboard.confine.boot import LENGTH_BYTES, ProtectionRecord
 from pdrbench_leaderboard.confine.confine import FileLimits, mode
-from pdrbench_leaderboard.confine.memory_group import MEMORY_GROUP, MemoryGroup
-from pdrbench_leaderboard.confine.usage import MEBIBYTE, Usage
+from pdrbench_leaderboard.confine.memory_group import MemoryGroup
+from pdrbench_leaderboard.confine.usage import Usage
 
 LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
 CHECK_MS: Final = round(1000 * CHECK_S)
@@ -152,10 +153,8 @@ class ConfinedProcess:
         return self._has_exceeded or (self._group is not None and self._group.has_exceeded)
 
     def look_at(self, record: ProtectionRecord) -> None:
-        """Looks at what no protection limits: its memory, processes that it may start, files of its scratch folder."""
+        """Looks at what no protection limits: its memory, and files of its scratch folder."""
         self._record = record
-        self._usage.is_counted = MEMORY_GROUP in record.held
-        self._usage.may_fork = "seccomp" not in record.held
         self._measures_scratch = "scratch-limited" not in record.held
         self._usage.read()
 
@@ -250,7 +249,7 @@ class ConfinedProcess:
     def _check(self) -> None:
         """Raises `EndedError` where memory, threads or files exceed their limits; called every `CHECK_S`."""
         self._checked_s = self.last_read_s
-        used = self._usage.read(self._limits.memory_mb)
+        used = self._usage.read()
         if used is None:
             return
         check_limits(*used, self._limits)

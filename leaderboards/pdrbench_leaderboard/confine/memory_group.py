@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from pdrbench_leaderboard.confine.usage import MEBIBYTE
+from pdrbench.process.child_process import MEBIBYTE
 
 MOUNTS, OWN_GROUP = Path("/proc/self/mountinfo"), Path("/proc/self/cgroup")
 MEMORY_GROUP: Final = "memory-group"  # name of the protection

@@ -15,7 +15,6 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, Final, Protocol
 
 from pdrbench_leaderboard.confine import boot
@@ -69,7 +68,6 @@ class SharedWalk:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, signal.SIGKILL)
         _close(self.handle)
-        _end_others()
         return ended
 
 
@@ -167,29 +165,3 @@ def _wait_for(pid: int) -> dict[str, Any]:
 def _close(descriptor: int) -> None:
     if descriptor >= 0:
         os.close(descriptor)
-
-
-def _end_others() -> None:
-    """Ends processes that a child left behind, which are children of this process by now."""
-    if os.getpid() == 1:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.kill(-1, signal.SIGKILL)
-    while True:
-        orphans = _children()
-        for orphan in orphans:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(orphan, signal.SIGKILL)
-        try:
-            while os.waitpid(-1, 0 if orphans else os.WNOHANG)[0]:
-                pass
-        except ChildProcessError:
-            return
-        if not orphans:
-            return
-
-
-def _children() -> list[int]:
-    try:
-        return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
-    except OSError:
-        return []

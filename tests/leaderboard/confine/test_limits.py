@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,11 +18,9 @@ from pdrbench.process.child_process import Limits
 from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
 from pdrbench_leaderboard.confine.memory_group import MemoryGroup, enter, find_place
 from pdrbench_leaderboard.confine.scratch import measure
-from pdrbench_leaderboard.confine.usage import Usage, count_mb
 
-linux_only = pytest.mark.skipif(sys.platform != "linux", reason="read from /proc")
 GREEDY = """
-    import mmap, os, time
+    import mmap
     import numpy as np
     from pdrbench.localizer import Estimate
 
@@ -31,16 +28,15 @@ GREEDY = """
         def reset(self, briefing, rng): pass
         def step(self, observation): return Estimate(np.zeros(2), 0)
 
-    class Unmaps(Stays):
-        '''Shared memory that no page of the process shows.'''
+    class Shares(Stays):
+        '''Shared memory that counts as no process's private data.'''
         def step(self, observation):
-            self.held = []
-            for _ in range(8):
-                block = mmap.mmap(-1, 64 << 20)
-                np.frombuffer(block, np.uint8)[::4096] = 1
-                block.madvise(mmap.MADV_DONTNEED)
-                self.held.append(block)
-            time.sleep(60)
+            return Estimate(np.frombuffer(mmap.mmap(-1, 64 << 20), np.uint8)[:2], 0)
+
+    class Fills(Stays):
+        def step(self, observation):
+            held = [np.ones(32 << 17) for _ in range(40)]
+            return Estimate(np.zeros(2), 0)
 
 """
 BUDGET = Budget(pace=5.0, slack_s=20.0, start_s=60.0)
@@ -75,45 +71,14 @@ def begin(greedy: Path) -> Iterator[Begin]:
         localizer.close()
 
 
-@linux_only
 @pytest.mark.confinement
-def test_a_confined_process_gets_no_shared_memory_or_it_counts(begin: Begin) -> None:
-    unmaps = begin("Unmaps", Limits(memory_mb=400))
-    with pytest.raises((LocalizerExit, LocalizerRaised), match=r"process was ended: memory: |not permitted"):
-        unmaps.step(Observation(0.0, {}))
-
-
-HOLDER = """
-import mmap, os, sys, time
-block = mmap.mmap(-1, 100 << 20)
-for place in range(0, 100 << 20, 4096):
-    block[place] = 1
-if not os.fork():
-    sum(block[place] for place in range(0, 100 << 20, 4096))
-    time.sleep(60)
-print("ready", flush=True)
-input()
-"""
-
-
-@linux_only
-@pytest.mark.confinement
-def test_pages_that_two_processes_share_count_once() -> None:
-    with subprocess.Popen([sys.executable, "-c", HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-        assert holder.stdout is not None
-        holder.stdout.readline()
-        children = Path(f"/proc/{holder.pid}/task/{holder.pid}/children").read_text().split()
-        both = [holder.pid, *map(int, children)]
-        assert len(both) == 2
-        try:
-            assert 100 < count_mb(both) < 150
-            usage = Usage(both[1])
-            seen = usage.read(50.0)
-            assert seen is not None and seen[0] > 100.0
-            usage.close()
-        finally:
-            os.kill(both[1], 9)
-            holder.kill()
+@pytest.mark.parametrize(("name", "why"), [("Shares", "not permitted"), ("Fills", "MemoryError|memory: |SIGKILL")])
+def test_memory_is_limited_and_none_is_shared(begin: Begin, name: str, why: str) -> None:
+    bomb = begin(name, Limits(memory_mb=500))
+    with pytest.raises((LocalizerExit, LocalizerRaised), match=why):
+        bomb.step(Observation(0.0, {}))
+    peak_mb = bomb.close()["peak_mb"]
+    assert float(str(peak_mb)) < 700
 
 
 @pytest.fixture

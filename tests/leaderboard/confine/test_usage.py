@@ -1,4 +1,4 @@
-"""Memory and threads of a process, read from an open file and by the library."""
+"""Memory and threads of a process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from pdrbench_leaderboard.confine.usage import MEBIBYTE, Usage
+from pdrbench.process.child_process import MEBIBYTE
+from pdrbench_leaderboard.confine.usage import Usage
+
+pytestmark = pytest.mark.confinement
 
 HELD_MB = 100
 PROGRAM = f"""
@@ -32,12 +35,8 @@ def holder() -> Iterator[subprocess.Popen[bytes]]:
         process.kill()
 
 
-@pytest.mark.parametrize("opens", [True, False], ids=["open file", "library"])
-def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_and_threads(holder: subprocess.Popen[bytes]) -> None:
     usage = Usage(holder.pid)
-    if not opens:
-        usage.close()
-        monkeypatch.setattr(usage, "_stat", None)
     seen = usage.read()
     assert seen is not None
     resident_mb = psutil.Process(holder.pid).memory_info().rss / MEBIBYTE

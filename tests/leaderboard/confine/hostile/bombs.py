@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import mmap
 import os
 import tempfile
 import threading
@@ -30,22 +29,6 @@ class ForkBomb(Honest):
                     os._exit(0)
                 started += 1
         return Estimate(np.array([float(started), 0.0]), 0)
-
-
-class MemoryBomb(Honest):
-    def misbehave(self) -> object:
-        held = [np.ones(32 * MEBIBYTE) for _ in range(MAX_BYTES // (256 * MEBIBYTE))]
-        return Estimate(np.array([float(len(held)), 0.0]), 0)
-
-
-class SharedMemoryBomb(Honest):
-    """Shared memory that no other process maps and that counts as no process's private data."""
-
-    def misbehave(self) -> object:
-        with mmap.mmap(-1, MAX_BYTES) as held:
-            for begin in range(0, MAX_BYTES, MEBIBYTE):
-                held[begin : begin + MEBIBYTE] = bytes([1]) * MEBIBYTE
-        return Estimate(np.array([float(MAX_BYTES), 0.0]), 0)
 
 
 class ThreadBomb(Honest):
