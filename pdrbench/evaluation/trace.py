@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pdrbench.episode import Episode, play, read_estimate
 from pdrbench.errors import EstimateError, PdrbenchError, ResultError
+from pdrbench.evaluation import answers
 from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.origin import environment_version, localizer_target, target_sha256, versions
 from pdrbench.evaluation.randomness import generator
@@ -113,9 +114,9 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     revised = None
     if result.division == OFFLINE:
         revised = play(make(), Episode(recording, task), rng(), name=result.localizer, seed=result.seed).revised
-    stored, agrees = result.estimates.columns, True
+    stored, agrees = answers.whole_numbers(result.estimates), True  # in the steps in which they are stored
     for frame, answer in _frames(make(), Episode(recording, task), rng(), only, revised):
-        if agrees and not np.array_equal(answer.columns[:, 0], stored[:, frame.index], equal_nan=True):
+        if agrees and not np.array_equal(answers.whole_numbers(answer)[:, 0], stored[:, frame.index]):
             agrees = False
             difference = _difference(result, frame)
             if strict:

@@ -55,7 +55,7 @@ def test_only_localizers_that_draw_are_run_with_several_seeds_where_none_are_ask
     assert Counter(r.localizer for r in results.results) == {good: 3, noisy: 15, declines: 3}
     again = evaluate(noisy, ENV, walks=3, seeds=5, isolation="none")
     assert answers(Results(tuple(r for r in results.results if r.localizer == noisy))) == answers(again)
-    assert [(row["seeds"], row["served"]) for row in results.rows()] == [(1, 3), (5, 3), (1, 0)]
+    assert [(row["seeds"], row["walks"]) for row in results.rows()] == [(1, 3), (5, 3), (1, 0)]
     assert f"{noisy} on {ENV}: 5 seeds" in results.table()
     pair = results.pairs().set_index(["first", "second"]).loc[good, noisy]
     means = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in results.rows()}
@@ -372,7 +372,7 @@ def test_files_of_running_processes_are_left_alone(localizer: Spec, tmp_path: Pa
 def test_a_localizer_that_wants_the_truth_is_declined_on_test_splits_only(localizer: Spec) -> None:
     for split in ("train", "val"):
         results = evaluate(localizer("Oracle"), ENV, split=split, seeds=1)
-        assert max(scored.scores["mean_m"] for scored in results.scored) == 0.0
+        assert max(scored.scores["mean_m"] for scored in results.scored) < 1e-4
     declined = evaluate(localizer("Oracle"), ENV, walks=2, seeds=1).results
     assert [r.status for r in declined] == ["unsuitable"] * 2
     assert "needs the reference" in declined[0].failure

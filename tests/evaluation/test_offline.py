@@ -230,7 +230,7 @@ def test_a_replay_shows_the_revised_past_and_compares_it_with_the_stored_one(toy
     shown = [frame.estimate.xy_m.tolist() for frame in frames if frame.estimate is not None]
     assert shown == result.estimates.xy_m[3:8].tolist()
     xy_m = result.estimates.xy_m.copy()
-    xy_m[7] += 1e-12
+    xy_m[7] += 1e-3
     spoilt = dataclasses.replace(result, estimates=dataclasses.replace(result.estimates, xy_m=xy_m))
     with pytest.raises(ResultError, match="from 7 s on"):
         list(retrace(spoilt))

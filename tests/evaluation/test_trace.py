@@ -84,7 +84,7 @@ def play(toy: Path, name: str, split: str = "val", **parameters: float) -> Resul
 
 
 @pytest.mark.parametrize("name", ["Toy", "Silent", "Plain"])
-def test_every_answer_is_the_stored_one_to_the_last_bit(toy: Path, name: str) -> None:
+def test_every_answer_is_the_stored_one(toy: Path, name: str) -> None:
     result = play(toy, name, spread_m=0.25)
     frames = list(retrace(result))
     assert [frame.index for frame in frames] == list(range(13))
@@ -92,7 +92,7 @@ def test_every_answer_is_the_stored_one_to_the_last_bit(toy: Path, name: str) ->
     for frame, xy_m, given in zip(frames, result.estimates.xy_m, result.estimates.given, strict=True):
         assert (frame.estimate is not None) == given
         if frame.estimate is not None:
-            assert frame.estimate.xy_m.tolist() == xy_m.tolist()
+            np.testing.assert_allclose(frame.estimate.xy_m, xy_m, rtol=0, atol=0.5001e-4)
             assert frame.estimate.sigma_m == 0.25
 
 
@@ -109,7 +109,7 @@ def test_only_the_requested_frames_are_shown_and_all_are_compared(toy: Path) -> 
     frames = list(retrace(result, only=range(1, 13, 4)))
     assert [(frame.index, int(frame.debug["shown"])) for frame in frames] == [(1, 1), (5, 2), (9, 3)]
     xy_m = result.estimates.xy_m.copy()
-    xy_m[2] += 1e-15
+    xy_m[2] += 1e-3
     spoilt = dataclasses.replace(result, estimates=dataclasses.replace(result.estimates, xy_m=xy_m))
     with pytest.raises(ResultError, match=r"from 2 s on"):
         list(retrace(spoilt, only=(9,)))
@@ -119,7 +119,7 @@ def test_a_trace_without_a_result_answers_as_evaluate_does(toy: Path) -> None:
     result = play(toy, "Toy", spread_m=2.0)
     frames = list(trace(f"{toy}:Toy", "Corridor-v0", result.walk, seed=1, parameters={"spread_m": 2.0}))
     traced = [frame.estimate.xy_m.tolist() for frame in frames if frame.estimate is not None]
-    assert traced == result.estimates.xy_m.tolist()
+    np.testing.assert_allclose(traced, result.estimates.xy_m, rtol=0, atol=0.5001e-4)
 
 
 def test_no_observation_is_played_beyond_the_last_requested_frame(toy: Path) -> None:
