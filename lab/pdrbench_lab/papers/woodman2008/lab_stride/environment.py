@@ -105,6 +105,8 @@ def load(walk: str) -> Recording:
 
 def load_wifi(walk: str) -> Recording:
     """The same walk with the scan that the person takes before the first stride, standing."""
+    from pdrbench_sim.resolution import rounded_stream
+
     recording = load(walk)
     place = WALKS.place_of(walk)
     _, _, rests = _walk(*place)
@@ -114,9 +116,8 @@ def load_wifi(walk: str) -> Recording:
     assert heading_rad is not None
     now_s = np.zeros(1)
     rssi_dbm = field.receive(rng, now_s, rests.polygon[:1], rests.xy_m[:1], heading_rad[:1], doors_open=doors_open)
-    return replace(
-        recording, streams={**recording.streams, "wifi": SensorStream(WIFI, field.wifi_rows(now_s, rssi_dbm))}
-    )
+    wifi = rounded_stream(SensorStream(WIFI, field.wifi_rows(now_s, rssi_dbm)))
+    return replace(recording, streams={**recording.streams, "wifi": wifi})
 
 
 def radio_map(recording: Recording) -> RadioMap:
