@@ -23,6 +23,7 @@ from pdrbench.trajectory import Estimates, Start, Trajectory
 from pdrbench_formats.replays.dots import Dots, dots_of
 
 FPS: Final = 10  # frames a second
+STORED_M: Final = 2e-4  # positions are stored to 0.1 mm
 FRAME_S: Final = 1.0  # of the walk between two frames, by default
 MAX_FRAMES: Final = 600  # by default
 MAX_DOTS: Final = 3000  # a frame of a page
@@ -129,7 +130,7 @@ def _count(frame: Frame, name: str, of: str = "") -> int | None:
 def _is_stored(frame: Frame, stored: Estimates) -> bool:
     """Whether a position is the stored one, whose error is known; another one can only come up after a warning."""
     played = np.full(2, np.nan) if frame.estimate is None else frame.estimate.xy_m
-    return np.array_equal(played, stored.xy_m[frame.index], equal_nan=True)
+    return np.allclose(played, stored.xy_m[frame.index], rtol=0.0, atol=STORED_M, equal_nan=True)
 
 
 def plan_replay(

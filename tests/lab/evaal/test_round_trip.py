@@ -71,7 +71,7 @@ def test_a_served_environment_gives_the_scores_of_evaluate(serve) -> None:
     expected = score(evaluate(localizer, env, split="train", walks=1, isolation="none").results[0])
     found = score(ended[walk])
     for name in ("mean_m", "p75_level_penalised_m", "level_hit_rate"):
-        assert found[name] == pytest.approx(expected[name], abs=1e-9)
+        assert found[name] == pytest.approx(expected[name], abs=2e-4)  # answers are stored to 0.1 mm
 
 
 def test_a_smoother_sends_its_revised_past_where_a_trial_is_offline(stride_task, serve) -> None:
