@@ -88,7 +88,7 @@ def test_strides_run_free_of_walls_and_end_on_the_floor(walks):
     for walk, recording in walks.items():
         building, _, rests = lab_stride._walk(*lab_stride.WALKS.place_of(walk))
         assert walkable_strides(building, rests).all()
-        np.testing.assert_array_equal(rests.xy_m, recording.reference.xy_m)
+        np.testing.assert_allclose(rests.xy_m, recording.reference.xy_m, rtol=0, atol=5.1e-4)  # whole millimetres
         assert building.contains(rests.xy_m, building.level(rests.polygon)).all()
 
 
@@ -114,9 +114,10 @@ def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_refere
             heading_rad += turn_rad
             xy_m = xy_m + length_m * np.array([np.cos(heading_rad), np.sin(heading_rad)])
         episode.submit(Estimate(xy_m, 0))
-        found[observation.now_s] = xy_m
+        found[round(observation.now_s, 6)] = xy_m
     scored = recording.reference.scored()
-    np.testing.assert_allclose([found[t_s] for t_s in scored.t_s], scored.xy_m, atol=1e-8)
+    # Rounding of 900 strides: 0.3 mm each makes a centimetre, 0.03 mrad each a milliradian of 100 m.
+    np.testing.assert_allclose([found[round(t_s, 6)] for t_s in scored.t_s.tolist()], scored.xy_m, rtol=0, atol=0.3)
 
 
 def test_the_wifi_environment_adds_one_scan_at_the_start(wifi, walks):
