@@ -128,7 +128,11 @@ class Localizer(Protocol):
     """
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        """Begins a walk. Raises `UnsuitableError` where the briefing lacks what this localizer needs."""
+        """Begins a walk, and forgets the one before: an instance may play several.
+
+        Raises:
+            UnsuitableError: The briefing lacks what this localizer needs.
+        """
 
     def step(self, observation: Observation) -> Estimate:
         """Answers one observation with the position now."""
