@@ -47,7 +47,7 @@ LOCALIZERS = {
 
 WARM_UPS = {
     "pdrbench_baselines.frank2009": "pdrbench_baselines.frank2009.warm:warm_up",
-    "pdrbench_baselines.fusion": "pdrbench_baselines.fusion.kernels:warm_up",
+    "pdrbench_baselines.gp_wifi": "pdrbench_baselines.gp_wifi.kernels:warm_up",
     "pdrbench_baselines.learned": "pdrbench_baselines.learned.compiled:warm_up",
     "pdrbench_baselines.li2012": "pdrbench_baselines.li2012.kernels:warm_up",
     "pdrbench_baselines.woodman2008": "pdrbench_baselines.woodman2008.warm:warm_up",

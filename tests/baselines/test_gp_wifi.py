@@ -92,7 +92,7 @@ def test_a_field_extrapolates_path_loss_and_says_how_well(rng: np.random.Generat
     signals = SignalMap(survey(rng, lines_of(3.0, 6.0)), None, SignalFieldParams())
     z = []
     for k in range(len(PLACES)):
-        field = signals.field(k + 1)
+        field = signals.prepare(np.array([k + 1]), 0)[0]
         assert field is not None and len(field.at)
         true_dbm = strength_dbm(signals.xy_m[field.at])[:, k]
         z.append((field.mean_dbm - true_dbm) / np.sqrt(field.variance_db2))
@@ -100,11 +100,11 @@ def test_a_field_extrapolates_path_loss_and_says_how_well(rng: np.random.Generat
     x_m, y_m = signals.xy_m.T
     is_near, is_far = (y_m > 2) & (y_m < 7) & (x_m > 3) & (x_m < 37), y_m > 18
     near, far = np.flatnonzero(is_near), np.flatnonzero(is_far)
-    field = signals.field(5)
+    (field,) = signals.prepare(np.array([5]), 0)
     assert field is not None
     at = [np.isin(field.at, part) for part in (near, far)]
     assert field.variance_db2[at[0]].mean() < 0.6 * field.variance_db2[at[1]].mean()
-    assert signals.field(77) is None and signals.nbytes > 0
+    assert signals.prepare(np.array([77]), 0) == [None] and signals.nbytes > 0
 
 
 def test_where_scans_missed_an_access_point_it_is_weaker(rng: np.random.Generator) -> None:
@@ -117,7 +117,7 @@ def test_where_scans_missed_an_access_point_it_is_weaker(rng: np.random.Generato
     means = []
     for is_censored in (False, True):
         signals = SignalMap(radio_map, None, SignalFieldParams(is_censored=is_censored))
-        field = signals.field(1)
+        (field,) = signals.prepare(np.array([1]), 0)
         assert field is not None
         beyond = np.hypot(*(signals.xy_m[field.at] - [3.0, 6.0]).T) < 3.0
         means.append(field.mean_dbm[beyond].mean())

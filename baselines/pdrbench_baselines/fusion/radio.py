@@ -15,7 +15,6 @@ from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.recording import RadioMap
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
-from pdrbench_baselines.fusion.kernels import add_reading
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
@@ -46,7 +45,7 @@ class RadioEvidence:
 
     def __init__(self, radio_map: RadioMap, building: Building | None, params: GpWifiParams, error_m: float) -> None:
         self.radio_map, self.building, self.params, self._error_m = radio_map, building, params, error_m
-        self._map = SignalMap(radio_map, building, params.field, is_lazy=True)
+        self._map = SignalMap(radio_map, building, params.field)
         self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
         self._reached: dict[int, FloatArray] = {}
@@ -110,22 +109,11 @@ class RadioEvidence:
         if self._trust == 0.0:
             return
         for _, fresh, _ in self._sweeps.update(rows):
-            likelihood = self._likelihood(fresh)
+            access_points, rssi_dbm = fresh[:, 1].astype(np.int64), fresh[:, 2].tolist()
+            offset_db = self.offset_db[self._offsets]
+            likelihood = self.params.log_likelihood(self._map, self._numbers, access_points, rssi_dbm, offset_db)
             if np.ptp(likelihood) > 0.0:
                 yield self._spread(self._trust * likelihood)
-
-    def _likelihood(self, fresh: FloatArray) -> FloatArray:
-        p, offset_db = self.params, self.offset_db[self._offsets]
-        access_points = fresh[:, 1].astype(np.int64)
-        readings = [(dbm, p.trust_of(dbm), *p.reported_of(dbm)) for dbm in fresh[:, 2].tolist()]
-        found = [np.zeros((size, len(offset_db))) for size in np.diff(self._map.first)[self._numbers]]
-        for number, part in zip(self._numbers, found, strict=True):
-            fields = self._map.prepare(access_points, number)
-            for one, (dbm, trust, reported, unexpected) in zip(fields, readings, strict=True):
-                if one is not None:
-                    odds, noise_db2 = reported / unexpected, p.field.noise_db**2
-                    add_reading(part, one.at, one.mean_dbm, one.variance_db2, dbm, offset_db, noise_db2, odds, trust)
-        return np.concatenate(found)
 
     def _spread(self, log_likelihood: FloatArray) -> FloatArray:
         """(n, k) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""

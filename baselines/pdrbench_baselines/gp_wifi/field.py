@@ -82,7 +82,7 @@ class SignalFieldParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """One access point, over all levels.
+    """One access point on a level.
 
     Attributes:
         at: (E,) int, places of the lattice.
@@ -102,8 +102,6 @@ class SignalMap:
         radio_map: With one scan or more.
         building: Its floor is where the lattice is; None for what is near to the survey.
         params: See `SignalFieldParams`.
-        is_lazy: Whether path losses, too, are fitted when they are first asked for, by `prepare`, and on the levels
-            asked for alone; their sums are rounded otherwise then.
 
     Attributes:
         xy_m: (N, 2) the lattice, level by level.
@@ -113,9 +111,7 @@ class SignalMap:
         first: (L + 1,) int, level k owns the places `first[k]:first[k + 1]`.
     """
 
-    def __init__(
-        self, radio_map: RadioMap, building: Building | None, params: SignalFieldParams, *, is_lazy: bool = False
-    ) -> None:
+    def __init__(self, radio_map: RadioMap, building: Building | None, params: SignalFieldParams) -> None:
         self.params = params
         survey = sightings_of(radio_map)
         self.access_point = np.unique(survey.access_point)
@@ -128,11 +124,7 @@ class SignalMap:
         self.xy_m = np.concatenate([level.lattice_m for level in self._levels])
         self.row = np.concatenate([level.row for level in self._levels])
         self.level = np.repeat(self.levels, np.diff(self.first))
-        self._fields: dict[int, Field] = {}
         self._parts: list[dict[int, Field]] = [{} for _ in self._levels]
-        if not is_lazy:
-            for level in self._levels:
-                level.fit(np.arange(len(self.access_point)))
 
     def prepare(self, access_points: IntArray, number: int) -> list[Field | None]:
         """Fields of access points on the level of that number alone, in single precision; its first place is 0.
@@ -151,21 +143,10 @@ class SignalMap:
                 parts[one] = Field(at.astype(np.int32), mean_dbm.astype(np.float32), variance_db2.astype(np.float32))
         return [parts[one] if known else None for one, known in zip(column.tolist(), is_known.tolist(), strict=True)]
 
-    def field(self, access_point: int) -> Field | None:
-        """Of one access point; None of one that the survey does not know."""
-        number = int(np.searchsorted(self.access_point, access_point))
-        if number == len(self.access_point) or self.access_point[number] != access_point:
-            return None
-        if number not in self._fields:
-            found = [level.field(number) for level in self._levels]
-            at = np.concatenate([part[0] + first for part, first in zip(found, self.first[:-1], strict=True)])
-            self._fields[number] = Field(at, *(np.concatenate([part[k] for part in found]) for k in (1, 2)))
-        return self._fields[number]
-
     @property
     def nbytes(self) -> int:
         """Memory of the fields that were asked for."""
-        fields = [*self._fields.values(), *(part for parts in self._parts for part in parts.values())]
+        fields = [field for parts in self._parts for field in parts.values()]
         return sum(f.at.nbytes + f.mean_dbm.nbytes + f.variance_db2.nbytes for f in fields)
 
 

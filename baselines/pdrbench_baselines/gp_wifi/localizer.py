@@ -10,11 +10,12 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import middle_of_survey
 from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.field import SignalFieldParams, SignalMap
+from pdrbench_baselines.gp_wifi.kernels import add_reading
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
 STRONG_DBM = -60.0  # a reading counts in full there
@@ -56,15 +57,21 @@ class GpWifiParams:
         return offset_db, prior / prior.sum()
 
     def log_likelihood(
-        self, places: SignalMap, access_points: list[int], rssi_dbm: list[float], offset_db: FloatArray
+        self, places: SignalMap, numbers: range, access_points: IntArray, rssi_dbm: list[float], offset_db: FloatArray
     ) -> FloatArray:
-        """(N, K) of readings at the places of a lattice with offsets (K,), up to a constant."""
-        found = np.zeros((len(places.xy_m), len(offset_db)))
-        for access_point, dbm in zip(access_points, rssi_dbm, strict=True):
-            field = places.field(access_point)
-            if field is not None and len(field.at):
-                found[field.at] += self.trust_of(dbm) * self._gain(field.mean_dbm, field.variance_db2, dbm, offset_db)
-        return found
+        """(n, K) of readings at the places of some levels, by their numbers, with offsets (K,), up to a constant.
+
+        A reading counts by the logarithm of how much likelier it is where it is expected than where it is not.
+        """
+        readings = [(dbm, self.trust_of(dbm), *self.reported_of(dbm)) for dbm in rssi_dbm]
+        found = [np.zeros((size, len(offset_db))) for size in np.diff(places.first)[numbers]]
+        for number, part in zip(numbers, found, strict=True):
+            fields = places.prepare(access_points, number)
+            for one, (dbm, trust, reported, unexpected) in zip(fields, readings, strict=True):
+                if one is not None:
+                    odds, noise_db2 = reported / unexpected, self.field.noise_db**2
+                    add_reading(part, one.at, one.mean_dbm, one.variance_db2, dbm, offset_db, noise_db2, odds, trust)
+        return np.concatenate(found)
 
     def trust_of(self, dbm: float) -> float:
         """Power of the likelihood of a reading."""
@@ -74,15 +81,6 @@ class GpWifiParams:
         """Probability that a reading is reported, and density per dB at which it comes where none is expected."""
         unexpected = self.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / self.unexpected_db)
         return self.field.reported * float(ndtr((dbm - self.field.half_dbm) / self.field.half_sigma_db)), unexpected
-
-    def _gain(self, mean_dbm: FloatArray, variance_db2: FloatArray, dbm: float, offset_db: FloatArray) -> FloatArray:
-        """(E, K) logarithm of how much likelier a reading is where it is expected than where it is not."""
-        variance = variance_db2[:, None] + self.field.noise_db**2
-        off_db = dbm - mean_dbm[:, None] - offset_db
-        density = np.exp(-0.5 * off_db**2 / variance) / np.sqrt(2 * math.pi * variance)
-        reported, unexpected = self.reported_of(dbm)
-        gain: FloatArray = np.log1p(reported * density / unexpected)
-        return gain
 
 
 GP_WIFI: Final = GpWifiParams()
@@ -119,7 +117,7 @@ class GpWifi:
     def step(self, observation: Observation) -> Estimate:
         for _, rows, since_s in self._sweeps.update(observation["wifi"]):
             self._spread(since_s)
-            self._weigh(rows[:, 1].astype(np.int64).tolist(), rows[:, 2].tolist())
+            self._weigh(rows[:, 1].astype(np.int64), rows[:, 2].tolist())
             self._locate()
         return self._estimate
 
@@ -159,9 +157,10 @@ class GpWifi:
         spread = spread / spread.sum() if spread.sum() > 0 else self._anywhere()
         self._belief = (1.0 - p.lost_fraction) * spread + p.lost_fraction * self._anywhere()
 
-    def _weigh(self, access_points: list[int], rssi_dbm: list[float]) -> None:
+    def _weigh(self, access_points: IntArray, rssi_dbm: list[float]) -> None:
         """Multiplies the belief by the likelihood of readings."""
-        log_likelihood = self._params.log_likelihood(self._map, access_points, rssi_dbm, self._offset_db)
+        levels = range(len(self._map.levels))
+        log_likelihood = self._params.log_likelihood(self._map, levels, access_points, rssi_dbm, self._offset_db)
         belief = self._belief * np.exp(log_likelihood - log_likelihood.max())
         self._belief = belief / belief.sum() if belief.sum() > 0 else self._anywhere()
 

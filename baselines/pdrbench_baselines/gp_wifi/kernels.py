@@ -1,4 +1,4 @@
-"""Compiled part of `radio`: what one reading says of the places of a field."""
+"""Compiled: what one reading says of the places of a field."""
 
 from __future__ import annotations
 
