@@ -33,8 +33,6 @@ DRAWS: Final = 10  # of the errors of the sensor, on the walk of a seed
 AT_S: Final = 120.0  # K11
 UPDATES_TIMED: Final = 20
 
-Make = Callable[[Mapping[str, Any]], Localizer]
-
 
 def play(
     localizer: Localizer, briefing: Briefing, rows: FloatArray, rng: np.random.Generator, until_s: float = np.inf
@@ -72,7 +70,7 @@ def beyond(seed: int) -> dict[str, Any]:
 
     The errors of the sensor are drawn ten times for the walk of a seed; its error at one time would be mostly chance.
     """
-    makes: dict[str, Make] = {"literal": Koeping2012, "heading": Koeping2012Heading}
+    makes: dict[str, Callable[[], Localizer]] = {"literal": Koeping2012, "heading": Koeping2012Heading}
     found: dict[str, Any] = {}
     for reading in ENVS:
         recording, briefing = walk_of(ENVS[reading], seed)
