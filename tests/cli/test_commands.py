@@ -201,7 +201,7 @@ def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], co
 
 def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     task = dataclasses.replace(make_task("OfficeStride-v2"), note="not the registered data")
-    for module in ("registry", "cli.list"):
+    for module in ("registry", "cli.list", "evaluation.rows"):
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name, secret=None: task)
     outcome = command("run", "stay", "OfficeStride-v2", "--walks", 1)
     assert outcome.code == 0 and "OfficeStride-v2: not the registered data" in outcome.err.splitlines()
