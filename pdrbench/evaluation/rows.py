@@ -105,7 +105,9 @@ def _ranked(groups: Mapping[str, Sequence[tuple[Result, Scored]]]) -> dict[str, 
         elif name in to_best:
             ratio, low, high, num_walks, p_holm = to_best[name]
             metrics["ratio_to_best"] = _number(ratio, "", low, high, num_walks)
-            metrics["p_holm"] = _number(p_holm if math.isfinite(low) else math.nan, "", math.nan, math.nan, num_walks)
+            is_tested = math.isfinite(low)  # too few units say nothing
+            p_value = p_holm if is_tested else math.nan
+            metrics["p_holm"] = _number(p_value, "", math.nan, math.nan, num_walks if is_tested else 0)
         ranked[name] = [1 + ahead[name], len(values) - behind[name]], metrics
     return ranked
 
