@@ -96,16 +96,6 @@ def test_ages_and_entries_are_counted_by_walk():
     assert values["wifi_period_s"].tolist() == [2.5]
 
 
-def test_a_synthetic_floor_has_every_statistic():
-    values = radio.RADIO.synthetic(1, 1)
-    assert {statistic.name for statistic in radio.RADIO.statistics} == set(values)
-    assert all(np.isfinite(v).all() for v in values.values())
-    assert len(values["wifi_entries"]) == radio.NUM_WALKS
-    # wide brackets: what a single floor may be
-    assert 3.0 < values["wifi_knn_m"][0] < 14.0
-    assert 0.3 < np.median(values["wifi_fresh"]) < 0.7
-
-
 def test_a_survey_has_the_same_bytes_whenever_it_is_drawn(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(radio, "NUM_WALKS", 5)
     monkeypatch.setattr(radio, "AREA_M2", (8000.0, 9000.0))

@@ -141,13 +141,14 @@ def test_a_set_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_localizers_and_environments_use_different_sets() -> None:
     """Of what comes with pdrbench: the prior of drifts in `woodman2008` is that of a set that is not in the law."""
-    from pdrbench_baselines.woodman2008 import localizer
+    from pdrbench_baselines.woodman2008.drift import DriftParams
     from pdrbench_envs.office_stride import stride_errors
 
     file = read_error_file(FITTED)
     by_name = {row.name: row.value for row in file.statistics}
-    assert by_name["foot_dual: length_bias"] == localizer.DUAL_LENGTH_BIAS
-    assert by_name["foot_dual: drift_deg_rms"] == localizer.DUAL_DRIFT_RMS_DEG
+    prior = DriftParams()
+    assert by_name["foot_dual: length_bias"] == pytest.approx(1.0 / prior.length_scale - 1.0)
+    assert by_name["foot_dual: drift_deg_rms"] == pytest.approx(np.degrees(prior.sigma_rad))
     assert module.PRIOR_SET not in module.SETS
     assert stride_errors() == StrideErrors.read(FITTED)
     assert [source.dataset for source in file.sources] == [*module.SETS, module.PRIOR_SET]
