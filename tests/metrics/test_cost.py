@@ -21,12 +21,6 @@ def test_realtime_factor_is_computing_over_walking() -> None:
     assert realtime_factor(np.array([0.01, 0.03]), 0.2) == pytest.approx(0.1)
 
 
-def test_steps_without_a_time_do_not_count() -> None:
-    step_s = np.array([0.001, math.nan, 0.003])
-    assert step_percentile_ms(step_s, quantile=0.5) == pytest.approx(2.0)
-    assert realtime_factor(step_s, 0.2) == pytest.approx(0.01)
-
-
 def test_unknown_costs_are_nan() -> None:
     assert math.isnan(step_percentile_ms(None))
     assert math.isnan(step_percentile_ms(np.full(3, math.nan)))

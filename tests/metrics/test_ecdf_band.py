@@ -35,11 +35,3 @@ def test_band_of_equal_walks_has_no_width_and_of_different_walks_has() -> None:
     low, high = mean_interval([1.0] * 5 + [0.0] * 3, scale="fraction")
     assert (different[0][at_4], different[1][at_4]) == pytest.approx((low, high))
     assert (different[0] >= 0).all() and (different[1] <= 1).all()
-
-
-def test_walks_of_one_unit_widen_the_band() -> None:
-    walks = {f"{'abcdef'[i // 3]}{i}": [float(i // 3), 2.0, 3.0] for i in range(18)}
-    by_walk, by_unit = band(walks), band(walks, unit={walk: walk[0] for walk in walks})
-    assert by_walk is not None and by_unit is not None
-    inside = (by_unit[1] > by_unit[0]) & (by_unit[1] < 1)
-    assert inside.any() and (by_unit[1] - by_unit[0] > by_walk[1] - by_walk[0])[inside].all()

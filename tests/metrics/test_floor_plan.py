@@ -144,17 +144,16 @@ def test_the_side_of_a_flight_of_stairs_above_the_floor_is_no_wall() -> None:
     assert num_crossed([[5, -2], [9, -2]], building) == pytest.approx(1), "beside the hall it is one"
 
 
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.7])
-def test_counts_agree_with_a_slow_reference(yaw_rad: float) -> None:
-    rng = np.random.default_rng(3)
+def test_counts_agree_with_a_slow_reference() -> None:
+    rng, yaw_rad = np.random.default_rng(3), 0.7
     turn = np.array([[math.cos(yaw_rad), math.sin(yaw_rad)], [-math.sin(yaw_rad), math.cos(yaw_rad)]])
     rooms = [
         closed(f"{i}-{j}-{k}", rectangle(5 * i, 4 * j, 5 * i + 5 - k % 2, 4 * j + 4) @ turn, 3.0 * k, k)
         for i in range(6) for j in range(5) for k in range(2)
     ]  # fmt: skip
     building = Building("grid", tuple(rooms))
-    path = np.cumsum(rng.normal(0, 3, (300, 2)), axis=0) % [32, 22] @ turn
-    level = (np.arange(300) // 50) % 2
+    path = np.cumsum(rng.normal(0, 3, (150, 2)), axis=0) % [32, 22] @ turn
+    level = (np.arange(150) // 25) % 2
     counted = length_m = 0.0
     for start, end, here, then in zip(path[:-1], path[1:], level[:-1], level[1:], strict=True):
         if here != then:
@@ -164,5 +163,5 @@ def test_counts_agree_with_a_slow_reference(yaw_rad: float) -> None:
             (dx_m, dy_m), (ex_m, ey_m) = end - start, q - p
             if building.polygons[polygon].level == here and dx_m * ey_m - dy_m * ex_m > 0:
                 counted += shapely.LineString([start, end]).crosses(shapely.LineString([p, q]))
-    assert counted > 200
+    assert counted > 100
     assert crossings_per_100m(answers(path, level), building) == pytest.approx(100 * counted / length_m)

@@ -76,13 +76,7 @@ def test_availability_asks_for_an_answer_to_the_newest_observation() -> None:
     assert math.isnan(availability(held, reference, None))
 
 
-def test_availability_falls_where_a_localizer_crashed() -> None:
-    reference = make_reference([0.1, 0.6, 1.1, 1.6])
-    held = hold_at(make_estimates([0.0, 0.5], [0.0, 0.0]), reference.t_s, FALLBACK)
-    assert availability(held, reference, 0.5) == 0.5
-
-
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     estimate_ticks=st.lists(st.integers(0, 400), max_size=12),
     is_missing=st.lists(st.booleans(), min_size=12, max_size=12),
@@ -135,7 +129,7 @@ def answers(t_s: np.ndarray, xy_m: np.ndarray, level: np.ndarray) -> Estimates:
     return Estimates(t_s, xy_m, level, *np.full((3, len(t_s)), math.nan))
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 30), data=st.data())
 def test_missing_answers_score_as_the_last_answer_repeated(seed: int, count: int, data: st.DataObject) -> None:
     # A localizer that stops answering, by crash or by NaN, is scored as if it repeated its last answer: no row is

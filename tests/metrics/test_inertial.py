@@ -92,13 +92,6 @@ def test_headings_are_wrapped() -> None:
     assert heading_mean_deg(held, reference) == pytest.approx(170.0)
 
 
-def test_errors_that_point_everywhere_have_no_bias() -> None:
-    reference = make_reference(straight(40))
-    held = held_on(reference, turned_by=np.radians(90.0 * (np.arange(40) % 4)))
-    assert math.isnan(heading_bias_deg(held, reference))
-    assert heading_mean_deg(held, reference) == pytest.approx(90.0)
-
-
 @pytest.mark.parametrize("count", [60, 1000])
 def test_a_linear_drift_is_found_exactly_beyond_half_a_turn(count: int) -> None:
     reference = make_reference(wander(2, count))
@@ -142,11 +135,6 @@ def test_a_resting_foot_moves() -> None:
     assert (speeds_mps(make_reference(jitter, period_s=0.01)) < 0.02).all()
 
 
-def test_sparse_rows_have_the_speed_between_their_neighbours() -> None:
-    reference = make_reference(np.array([[0.0, 0.0], [10.0, 0.0], [30.0, 0.0], [30.0, 0.0]]), period_s=10.0)
-    assert speeds_mps(reference).tolist() == pytest.approx([1.0, 1.5, 1.0, 0.0])
-
-
 def test_only_answers_claim() -> None:
     reference = make_reference(straight(40))
     silent = dataclasses.replace(answer(reference), heading_rad=np.where(np.arange(40) < 20, math.nan, 0.25))
@@ -166,17 +154,6 @@ def test_without_a_heading_on_either_side_there_is_nothing_to_score() -> None:
     held = held_on(reference, turned_by=0.0)
     assert all(math.isnan(metric(held, unknown)) for metric in HEADING_METRICS)
     assert all(math.isnan(metric(held, make_reference(straight(40), surveyed=False))) for metric in HEADING_METRICS)
-
-
-def test_a_worse_heading_never_scores_better() -> None:
-    rng = np.random.default_rng(3)
-    reference = make_reference(wander(3))
-    for _ in range(50):
-        turned_by = rng.normal(scale=0.7, size=200).clip(-3, 3)
-        worse_by = np.sign(turned_by) * np.minimum(np.abs(turned_by) + rng.exponential(0.3, 200), 3.1)
-        better, worse = held_on(reference, turned_by=turned_by), held_on(reference, turned_by=worse_by)
-        assert heading_mean_deg(worse, reference) >= heading_mean_deg(better, reference)
-        assert heading_percentile_deg(worse, reference) >= heading_percentile_deg(better, reference)
 
 
 def test_the_slope_is_that_of_theil_and_sen() -> None:
@@ -203,21 +180,6 @@ def test_the_velocity_error_does_not_depend_on_the_rate_of_the_reference(period_
     reference = make_reference(straight(300, 1.2 * period_s), period_s=period_s)
     offset_m = straight(300, 0.2 * period_s)
     assert velocity_rmse_mps(held_on(reference, offset_m=offset_m), reference) == pytest.approx(0.2)
-
-
-def test_a_velocity_needs_a_window() -> None:
-    reference = make_reference(straight(10), period_s=0.1)
-    assert math.isnan(velocity_rmse_mps(held_on(reference), reference))
-    reference = make_reference(straight(11), period_s=0.1)
-    assert velocity_rmse_mps(held_on(reference), reference) == 0.0
-    reference = make_reference(straight(11), surveyed=np.arange(11) == 5)
-    assert math.isnan(velocity_rmse_mps(held_on(reference), reference))
-
-
-def test_an_error_that_grows_with_time() -> None:
-    reference = make_reference(wander(5))
-    growing = np.column_stack([np.zeros(200), 0.01 * reference.t_s])
-    assert eag_mps(held_on(reference, offset_m=growing), reference) == pytest.approx(0.01)
 
 
 def test_an_error_that_grows_with_distance() -> None:

@@ -11,7 +11,6 @@ from pdrbench.metrics import hold_at, score
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.odometry import (
     align_se2,
-    align_start,
     ate_m,
     ate_se2_aligned_m,
     ate_se2_translation_only,
@@ -73,15 +72,8 @@ def test_alignment_hides_a_heading_bias_and_the_plain_error_does_not() -> None:
     assert expected > 50
     assert ate_se2_aligned_m(held, reference) == pytest.approx(0.0, abs=1e-9)
     assert ate_start_aligned_m(held, reference) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_alignment_finds_the_rigid_motion() -> None:
-    track = wander(2)
-    moved = turned(track, -70.0) + np.array([12.0, -3.0])
-    aligned = align_se2(track, moved)
-    assert aligned.yaw_rad == pytest.approx(math.radians(-70))
-    assert aligned.xy_m == pytest.approx(moved)
-    assert align_start(track, moved).xy_m == pytest.approx(moved)
+    assert ate_se2_translation_only(held, reference) == ate_start_translation_only(held, reference) == 0.0
+    assert align_se2(held.xy_m, reference.xy_m).yaw_rad == pytest.approx(math.radians(-30))
 
 
 def test_alignment_is_the_best_of_all_rigid_motions() -> None:
@@ -108,13 +100,6 @@ def test_a_standing_track_is_shifted_and_not_turned(stands: str) -> None:
     assert ate_start_translation_only(held, reference) == 1.0
     assert align_se2(held.xy_m, reference.xy_m).yaw_rad == 0.0
     assert ate_se2_aligned_m(held, reference) <= ate_m(held, reference)
-
-
-def test_walking_tracks_are_not_flagged() -> None:
-    reference = make_reference(straight(20))
-    held = held_on(reference, turned(straight(20), 10.0))
-    assert ate_se2_translation_only(held, reference) == 0.0
-    assert ate_start_translation_only(held, reference) == 0.0
 
 
 def test_start_alignment_uses_the_first_metres_alone() -> None:
@@ -160,13 +145,6 @@ def test_windows_end_with_the_first_row_late_enough() -> None:
     first, last = windows(np.array([0.0, 30.0, 50.0, 70.0, 111.0]))
     assert first.tolist() == [0, 1, 2]
     assert last.tolist() == [3, 4, 4]
-
-
-def test_windows_of_a_dense_reference_begin_every_second() -> None:
-    t_s = 0.05 * np.arange(2000)  # 99.95 s
-    first, last = windows(t_s)
-    assert first.tolist() == list(range(0, 800, 20))
-    assert last.tolist() == list(range(1200, 2000, 20))
 
 
 def test_drift_counts_the_path_from_the_given_start() -> None:
@@ -247,13 +225,6 @@ def test_two_rows_apart_are_no_loop() -> None:
     reference = make_reference(np.array([[0.0, 0.0], [0.5, 0.0]]), period_s=9.0)
     track = answer(make_reference(straight(10)), straight(10))
     assert math.isnan(score(track, reference, None, ORIGIN)["loop_closure_pct"])
-
-
-def test_the_path_of_the_reference_counts_where_there_is_one() -> None:
-    square = np.array([[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]], dtype=float)
-    reference = make_reference(square)
-    wandering = answer(reference, square * [3.0, 1.0] + np.linspace(0, 1, 5)[:, None])
-    assert score(wandering, reference, None, ORIGIN)["loop_closure_pct"] == pytest.approx(100 * math.sqrt(2) / 40)
 
 
 def test_standing_still_has_no_percentages() -> None:

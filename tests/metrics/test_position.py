@@ -73,12 +73,6 @@ def test_known_errors() -> None:
     ]
 
 
-def test_the_percentile_method_is_an_argument() -> None:
-    held, reference = with_errors([1.0, 2.0, 3.0, 4.0])
-    assert percentile_m(held, reference, quantile=0.75, method="linear") == 3.25
-    assert percentile_m(held, reference, quantile=0.75, method="inverted_cdf") == 3.0
-
-
 def test_success_counts_the_limit_itself() -> None:
     held, reference = with_errors([1.0, 2.0, 3.0, 4.0])
     assert [success(held, reference, within_m=limit) for limit in (0.999, 1.0, 3.0, 10.0)] == [0.0, 0.25, 0.75, 1.0]
@@ -146,18 +140,6 @@ def test_of_two_passes_over_one_place_the_nearer_one_counts() -> None:
     assert along_path_errors_m(held_on(there_and_back, [3.0, 1.0]), there_and_back) == pytest.approx([3.0])
 
 
-def test_an_estimate_is_projected_onto_its_own_level() -> None:
-    # up 30 m on level 0, then back above the same line on level 1
-    line = [[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]]
-    reference = make_reference(line, level=[0, 0, 1, 1], surveyed=[False, False, False, True])
-    right = along_path_errors_m(held_on(reference, [4.0, 0.4], level=1.0), reference)
-    wrong = along_path_errors_m(held_on(reference, [4.0, 0.4], level=0.0), reference)
-    assert right == pytest.approx([4.0])
-    assert wrong == pytest.approx([30 - 4 + 1 + 30])
-    above = along_path_errors_m(held_on(reference, [4.0, 0.4], level=7.0), reference)
-    assert above == pytest.approx(right)  # level 1 is the nearest that the path has
-
-
 def test_standing_still_has_no_path() -> None:
     reference = make_reference(np.ones((3, 2)))
     assert along_path_errors_m(held_on(reference, [9.0, 9.0]), reference).tolist() == [0.0, 0.0, 0.0]
@@ -172,15 +154,7 @@ def test_pauses_on_the_way_change_nothing() -> None:
     assert along_path_errors_m(only_a_pause, reference) == pytest.approx([10.0] * 3 + [0.0] * 3 + [10.0] * 3)
 
 
-def test_a_dense_curve_is_measured_along_its_arc() -> None:
-    angle = np.linspace(0, 1.5 * np.pi, 2001)
-    reference = make_reference(np.column_stack([np.cos(angle), np.sin(angle)]) * 50)
-    ahead = np.minimum(angle + 0.02, angle[-1])
-    held = held_on(reference, np.column_stack([np.cos(ahead), np.sin(ahead)]) * 60)
-    assert along_path_errors_m(held, reference) == pytest.approx(50 * (ahead - angle), abs=0.01)
-
-
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_along_path_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     reference = make_reference(np.cumsum(rng.normal(size=(40, 2)), axis=0), level=np.arange(40) // 14)
@@ -216,13 +190,6 @@ def test_outside_every_polygon_the_height_is_that_of_the_level(two_levels: objec
     assert vertical_error_m(held_on(reference, [99.0, 99.0], level=1.0), reference, two_levels) == pytest.approx(3.5)
     beyond = held_on(reference, [1.0, 1.0], level=3.0)
     assert vertical_error_m(beyond, reference, two_levels, level_height_m=4.0) == pytest.approx(3.5 + 2 * 4.0)
-
-
-def test_a_wrong_level_is_never_dropped(two_levels: object) -> None:
-    # tools that drop rows on the wrong level would report 0 here
-    reference = make_reference([[1.0, 1.0]] * 2, z_m=0.0)
-    held = held_on(reference, [[1.0, 1.0], [1.0, 9.0]], level=[0.0, 1.0])
-    assert circular_error_m(held, reference, quantile=1.0) == 8.0
 
 
 def test_without_heights_there_is_no_vertical_error(two_levels: object) -> None:

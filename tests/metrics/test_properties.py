@@ -82,7 +82,7 @@ def assert_same(found: dict[str, float], wanted: dict[str, float], abs_tolerance
         assert found[name] == pytest.approx(value, rel=1e-6, abs=abs_tolerance, nan_ok=True), name
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=SEEDS, yaw_deg=st.integers(-180, 180), east_m=st.integers(-500, 500), north_m=st.integers(-500, 500))
 def test_rotating_and_shifting_everything_changes_nothing(seed: int, yaw_deg: int, east_m: int, north_m: int) -> None:
     estimates, reference = make_walk(seed)
@@ -97,7 +97,7 @@ def test_rotating_and_shifting_everything_changes_nothing(seed: int, yaw_deg: in
     assert_same(found, wanted)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(seed=SEEDS, data=st.data())
 def test_making_an_estimate_worse_never_improves_an_error(seed: int, data: st.DataObject) -> None:
     # one answer is pushed straight away from the truth at every row it is in force at, or its level is moved away
@@ -121,7 +121,7 @@ def test_making_an_estimate_worse_never_improves_an_error(seed: int, data: st.Da
         assert math.isnan(better[name]) or worse[name] <= better[name], name
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(seed=SEEDS)
 def test_scores_of_one_walk_are_in_order(seed: int) -> None:
     estimates, reference = make_walk(seed)
@@ -144,7 +144,7 @@ def test_scores_of_one_walk_are_in_order(seed: int) -> None:
     assert scores["se50_m"] >= max(scores["ce50_m"], scores["ve50_m"]) - slack
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=SEEDS)
 def test_the_oracle_scores_zero(seed: int) -> None:
     _, reference = make_walk(seed)
@@ -164,7 +164,7 @@ def test_the_oracle_scores_zero(seed: int) -> None:
         assert scores["heading_share"] == 1.0 or math.isnan(scores["heading_share"])
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=30, deadline=None, derandomize=True)
 @given(seed=SEEDS, angle_deg=st.integers(0, 359))
 def test_a_constant_offset_scores_its_length(seed: int, angle_deg: int) -> None:
     _, reference = make_walk(seed)
@@ -181,7 +181,7 @@ def test_a_constant_offset_scores_its_length(seed: int, angle_deg: int) -> None:
             assert math.isnan(scores[name]) or scores[name] == pytest.approx(0.0, abs=1e-6), name
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=SEEDS)
 def test_a_wrong_level_is_never_dropped(seed: int) -> None:
     # the same positions, every level wrong: every row is still scored, and costs at least its penalty

@@ -110,14 +110,6 @@ def test_order_and_nan_change_nothing() -> None:
     assert quantile_interval([samples[i] for i in order], 0.75, units[order]) == quantile_interval(samples, 0.75, units)
 
 
-def test_many_means_at_once_are_those_of_each() -> None:
-    values = np.random.default_rng(5).gamma(2.0, size=(12, 3))
-    units = np.repeat(list("abcd"), 3)
-    low, high = mean_interval(values, units, scale="size")
-    one_by_one = [mean_interval(column, units, scale="size") for column in values.T]
-    assert np.column_stack([low, high]) == pytest.approx(np.array(one_by_one))
-
-
 def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(ValueError, match="average over seeds first"):
         mean_interval(np.ones((6, 2, 1)))
@@ -130,8 +122,6 @@ def test_wrong_shapes_are_refused() -> None:
 DESIGNS = {
     "4 x 4": [4] * 4,
     "8 x 4": [4] * 8,
-    "20 x 5": [5] * 20,
-    "60 x 2": [2] * 60,
     "unequal 4": [1, 3, 4, 8],
     "unequal 8": [1, 1, 2, 2, 4, 6, 8, 8],
     "unequal 60": [1] * 30 + [2] * 15 + [5] * 10 + [8] * 5,
@@ -157,20 +147,12 @@ def coverage(sizes: list[int], correlation: float, sigma: float, count: int) -> 
     return float(np.mean((low <= truth) & (truth <= high)))
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.2, 0.4])
+@pytest.mark.parametrize("correlation", [0.0, 0.4])
 @pytest.mark.parametrize("sizes", DESIGNS.values(), ids=DESIGNS)
 def test_intervals_cover(sizes: list[int], correlation: float) -> None:
     # binomial standard error of 92 % in 4000: 0.43 %, three of them
     for sigma in (0.0, SIGMA):
         assert coverage(sizes, correlation, sigma, 4000) >= NOMINAL - 0.013
-
-
-def test_walks_as_units_do_not_cover() -> None:
-    walks, units, truth = draw_walks(np.random.default_rng(19), [4] * 4, 0.4, 0.0, 1000)
-    low, high = mean_interval(walks.T)
-    assert np.mean((low <= truth) & (truth <= high)) < 0.85, "sixteen walks of four buildings are not sixteen buildings"
-    low, high = mean_interval(walks.T, units)
-    assert np.mean((low <= truth) & (truth <= high)) > NOMINAL
 
 
 def test_the_interval_of_a_quantile_covers() -> None:
@@ -211,10 +193,6 @@ def test_sign_flips_are_exact_up_to_twenty_walks(values: list[float]) -> None:
     assert sign_flip_p(values, rng=fresh()) == brute_force_p(values)
 
 
-def test_exact_test_of_twenty_walks() -> None:
-    assert sign_flip_p(np.ones(20), rng=fresh()) == 2 / 2**20
-
-
 def test_many_walks_are_tested_by_random_flips() -> None:
     values = np.append(np.linspace(-1.0, 1.2, 19), 2.5)
     exact = sign_flip_p(values, rng=fresh())
@@ -228,11 +206,6 @@ def test_no_difference_is_no_evidence() -> None:
     assert sign_flip_p(np.zeros(8), rng=fresh()) == 1.0
     assert math.isnan(sign_flip_p(np.full(8, math.nan), rng=fresh()))
     assert math.isnan(sign_flip_p([], rng=fresh()))
-
-
-def test_the_test_is_two_sided() -> None:
-    values = np.array([1.0, 2.5, -0.5, 3.0, 4.0, 1.2, -0.1])
-    assert sign_flip_p(values, rng=fresh()) == sign_flip_p(-values, rng=fresh())
 
 
 def test_holm_of_known_values() -> None:
@@ -269,15 +242,6 @@ def test_pairs_are_compared_walk_by_walk() -> None:
     assert found["good", "same"].p_holm > 0.05
 
 
-def test_comparing_changes_sign_with_the_direction() -> None:
-    rng = np.random.default_rng(9)
-    values = {"a": rng.normal(size=9), "b": rng.normal(size=9)}
-    (lower,) = compare_pairs(values, rng=fresh())
-    (higher,) = compare_pairs(values, rng=fresh(), better="higher")
-    assert higher.improvement == pytest.approx(1 - lower.improvement)
-    assert (higher.effect, higher.p) == (lower.effect, lower.p)
-
-
 def test_the_order_of_walks_changes_no_comparison() -> None:
     rng = np.random.default_rng(10)
     values = {name: rng.gamma(2.0, size=25) for name in "abc"}
@@ -309,15 +273,14 @@ def test_whole_units_are_tested() -> None:
     assert sign_flip_p(missing, units, rng=fresh()) == 0.5
 
 
-@pytest.mark.parametrize("sizes", [[4] * 8, [1, 1, 2, 2, 4, 6, 8, 8], [2] * 24], ids=str)
+@pytest.mark.parametrize("sizes", [[4] * 8, [1, 1, 2, 2, 4, 6, 8, 8]], ids=str)
 def test_tests_hold_their_level_where_walks_of_a_unit_depend_on_each_other(sizes: list[int]) -> None:
     # Differences without an effect, intraclass correlation 0.4. Binomial standard error of 5 % in 600: 0.9 %, three.
     walks, units, _ = draw_walks(np.random.default_rng(6), sizes, 0.4, 0.0, 600)
     p = sign_flip_p(walks.T - 5.0, units, rng=fresh(), exact_units=8, draws=2000)
     assert np.mean(p <= 0.05) <= 0.05 + 0.027
-    if len(sizes) == 8:
-        by_walk = sign_flip_p(walks.T - 5.0, rng=fresh(), exact_units=8, draws=2000)
-        assert np.mean(by_walk <= 0.05) > 0.1, "walk by walk it does not"
+    by_walk = sign_flip_p(walks.T - 5.0, rng=fresh(), exact_units=8, draws=2000)
+    assert np.mean(by_walk <= 0.05) > 0.1, "walk by walk it does not"
 
 
 def test_pairs_are_tested_at_once_as_one_by_one() -> None:

@@ -63,13 +63,6 @@ def test_energy_score_of_a_point_is_its_distance() -> None:
     assert energy_scores_m(np.zeros(1), np.ones(1)) == pytest.approx(math.sqrt(math.pi) * (math.sqrt(0.5) - 0.5))
 
 
-def test_energy_score_is_smooth_where_the_series_ends() -> None:
-    distance_m = np.geomspace(1e5, 1e7, 1001)
-    scores = energy_scores_m(distance_m, np.ones(1001))
-    assert (np.diff(scores) > 0).all()
-    assert scores == pytest.approx(distance_m - math.sqrt(math.pi) / 2, rel=1e-9)
-
-
 def test_the_true_spread_has_the_best_energy_score() -> None:
     errors = errors_of_a_normal(2.0)
     scores = {sigma_m: energy_score_m(*make_walk(errors, sigma_m)) for sigma_m in (0.5, 1.0, 1.8, 2.0, 2.2, 4.0)}
@@ -108,16 +101,6 @@ def test_anees_is_one_for_a_calibrated_sigma() -> None:
 def test_the_band_of_one_walk_is_that_of_an_exponential() -> None:
     assert anees_band(1) == pytest.approx((-math.log(0.975), -math.log(0.025)))
     assert anees_band(1, level=0.5) == pytest.approx((-math.log(0.75), -math.log(0.25)))
-
-
-def test_the_band_holds_calibrated_sigmas_and_narrows_with_the_walks() -> None:
-    # 2000 sets of 20 walks with one error each: 95 % within, +- 3 * sqrt(0.95 * 0.05 / 2000) = 1.5 %
-    errors = np.random.default_rng(8).normal(size=(2000, 20, 2))
-    low, high = anees_band(20)
-    means = np.sum(errors**2, axis=2).mean(axis=1) / 2
-    assert np.mean((low < means) & (means < high)) == pytest.approx(0.95, abs=0.015)
-    wide, narrow = anees_band(20), anees_band(2000)
-    assert wide[0] < narrow[0] < 1 < narrow[1] < wide[1]
 
 
 # What cannot be scored -------------------------------------------------------------------------------------------
