@@ -263,16 +263,6 @@ class Keeps(Sound):
         return float(sum(rows[:, 1:].sum() for rows in self._kept))
 
 
-class Foresees(Sound):
-    """Is given the reference, and walks ahead of it."""
-
-    def tell(self, reference) -> None:
-        self._reference = reference
-
-    def look(self, observation) -> float:
-        return 0.0
-
-
 @pytest.mark.parametrize(
     ("localizer", "name", "words"),
     [
@@ -280,7 +270,6 @@ class Foresees(Sound):
         (Silent, "answers every observation", "times nothing"),
         (Raises, "answers every observation", "by nothing"),
         (Leaves, "answers every observation", "raised SystemExit"),
-        (Leaves, "both roads give the same estimates", "SystemExit"),
         (NeverBegins, "answers every observation", "no key"),
         (OwnChance, "same generator, same answers", "randomness besides"),
         (GlobalChance, "global random state is left alone", "numpy.random"),
@@ -319,10 +308,6 @@ def test_a_look_ahead_is_found(phone_task, base) -> None:
     found = failures(check_localizer(Peeks, dataclasses.replace(phone_task, tell_start=brief), seconds=5.0))
     assert list(found) == ["what comes later changes nothing before"]
     assert "are answered differently" in next(iter(found.values()))
-
-
-def test_the_briefing_is_used_before_every_reset(phone_task) -> None:
-    assert failures(check_localizer(Foresees, phone_task, seconds=5.0)) == {}
 
 
 def test_a_class_that_is_no_localizer_fails_at_once() -> None:

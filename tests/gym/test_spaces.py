@@ -3,10 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.episode import Episode
 from pdrbench.errors import EstimateError, UnknownNameError
-from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.spaces import make_action_space, make_observation_space, to_action, to_observation
+from pdrbench.gym.spaces import make_action_space, make_observation_space, to_action
 from pdrbench.localizer import Estimate
 
 
@@ -35,20 +33,6 @@ def test_action_space_refuses_foreign_and_doubled_claims() -> None:
         make_action_space(("sigmas",))
     with pytest.raises(EstimateError, match="once"):
         make_action_space(("sigma", "sigma"))
-
-
-def test_observations_come_back_as_they_were(phone_task) -> None:
-    recording = phone_task.load("walk-a")
-    episode = Episode(recording, phone_task)
-    env = LocalizationEnv(phone_task)
-    arrays, info = env.reset(options={"walk": "walk-a"})
-    while not episode.done:
-        expected = episode.observe()
-        found = to_observation(arrays, info["briefing"].sensors)
-        assert found.now_s == expected.now_s
-        assert all(np.array_equal(found[name], rows) for name, rows in expected.rows.items())
-        episode.submit(None)
-        arrays, *_ = env.step(np.zeros(3))
 
 
 @pytest.mark.parametrize(
