@@ -33,7 +33,7 @@ def test_one_level_has_the_area_that_was_asked_for_and_no_gap():
 
 def test_passages_lie_behind_shops_and_only_their_walls_take_floor():
     params = MallParams(passage_every_m=25.0)
-    for seed in range(4):
+    for seed in range(2):
         mall = make_mall(np.random.default_rng(seed), area_m2=24000.0, params=params)
         floors = {p.id: shapely.Polygon(p.outline_xy_m, p.holes) for p in mall.polygons}
         passages = {name: shape for name, shape in floors.items() if "passage" in name}
@@ -65,25 +65,6 @@ def test_passages_are_reached_and_heavy_walls_shut_them_off_from_the_concourse()
     assert np.mean(np.array(heavy) > 0) > 0.8
     among = [obstacles(mall)[0].walls_crossed(place, concourse)[1] for place in concourse]
     assert np.mean(np.array(among) > 0) < 0.1
-
-
-def test_concourses_are_as_wide_as_the_parameters_say():
-    params = MallParams()
-    mall = make_mall(np.random.default_rng(1), area_m2=9000.0, params=params)
-    concourse = next(polygon for polygon in mall.polygons if polygon.id == "0/concourse")
-    low, high = concourse.outline_xy_m.min(axis=0), concourse.outline_xy_m.max(axis=0)
-    holes = np.concatenate(concourse.holes)
-    margins_m = np.concatenate([holes.min(axis=0) - low, high - holes.max(axis=0)])
-    assert (margins_m >= params.concourse_width_m[0] - 2e-3).all()
-    assert (margins_m <= params.concourse_width_m[1] + 2e-3).all()
-
-
-def test_only_upper_levels_have_a_void_and_only_the_lowest_has_entrances():
-    mall = make_mall(np.random.default_rng(2), num_levels=2, area_m2=24000.0)
-    ground, upper = (next(p for p in mall.polygons if p.id == f"{level}/concourse") for level in (0, 1))
-    assert len(upper.holes) == len(ground.holes) + 1
-    entrances = {polygon.level for polygon in mall.polygons if "entrance" in polygon.id}
-    assert entrances == {0}
 
 
 def test_shops_differ_from_level_to_level_and_from_seed_to_seed():

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -39,11 +38,6 @@ def on_foot(scene: BuildingScene) -> Recording:
 @pytest.fixture(scope="module")
 def in_hand(scene: BuildingScene) -> Recording:
     return simulate_walk(scene, 11, IN_HAND, duration_s=DURATION_S)
-
-
-def digest(recording: Recording) -> str:
-    streams = b"".join(stream.rows.tobytes() for stream in recording.streams.values())
-    return hashlib.sha256(streams + recording.reference.xy_m.tobytes()).hexdigest()
 
 
 def test_every_sensor_of_a_phone_is_recorded_for_as_long_as_asked(in_hand):

@@ -94,7 +94,7 @@ def test_damage_is_refused_wherever_it_is(
     content = put(tmp_path, trial, compress=compress).read_bytes()
     path = tmp_path / "damaged.mat"
     refused = 0
-    for number in range(300):
+    for number in range(100):
         damaged = bytearray(content)
         if number % 2:
             del damaged[int(rng.integers(1, len(content))) :]
@@ -106,7 +106,7 @@ def test_damage_is_refused_wherever_it_is(
         except RecordingError as error:
             assert "damaged.mat" in str(error)
             refused += 1
-    assert refused > 150
+    assert refused > 50
 
 
 def test_a_variable_that_inflates_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -326,17 +326,3 @@ def test_stride_indices_count_from_zero_in_the_recorded_data(data_root: Path) ->
         here, there = here - here.mean(), there - there.mean()
         turn = np.vdot(there, here)
         assert np.abs(here - there * turn / abs(turn)).max() < 1e-9
-
-
-@pytest.mark.data
-def test_tables_beside_the_walks_say_the_same(data_root: Path) -> None:
-    walks = sorted((data_root / "foot_stride_gcp" / "gcp_labelled").glob("*_LLIO.mat"))
-    if not walks:
-        pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
-    for path in walks[:6]:
-        table = path.with_name(path.name.replace("_LLIO.mat", "_strideIndex_timestamp_gcpX_gcpY.csv"))
-        log = foot_stride_gcp.read(path)
-        sample, clock_s, strides_m = table_of_strides(table)
-        np.testing.assert_array_equal(log.reference.xy_m, strides_m)
-        np.testing.assert_allclose(log.reference.t_s, clock_s, atol=1e-9)
-        assert sample[-1] == len(log.rows["accel"]) - 1

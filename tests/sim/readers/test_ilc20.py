@@ -85,13 +85,6 @@ def test_units_axes_and_names(tmp_path: Path) -> None:
         assert not rows.flags.writeable
 
 
-def test_a_recording_can_be_made_of_it(tmp_path: Path) -> None:
-    log = read(tmp_path, [*sensors(), wifi(300), *waypoints(0, 380)])
-    recording = log.recording("walk", None, sensor_spec, mounting="hand")
-    assert set(recording.streams) == {"accel", "gyro", "mag", "rotation", "wifi"}
-    assert (recording.device, recording.mounting, recording.end_s) == ("OPPO PBCM10", "hand", 0.38)
-
-
 def test_time_zero_is_the_first_kept_row_even_where_it_is_written_last(tmp_path: Path) -> None:
     log = read(tmp_path, [row(-900, "BLUE", "x", -70), *sensors(), *waypoints(-500)])
     assert log.reference.t_s[0] == 0.0
@@ -197,15 +190,6 @@ def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
     assert len({*log.rows["wifi"][:, 1], *log.rows["ble"][:, 1]}) == 4
 
 
-def test_addresses_of_any_length_are_distinguished(tmp_path: Path) -> None:
-    """Those of one length are hashed together, others one by one; the numbers are the same."""
-    addresses = ["a", "b" * 40, NEAR, "", NEAR[:-1] + "8", NEAR]
-    for chosen in (addresses, addresses[2:3], [NEAR, FAR, NEAR], ["b" * 40, "c" * 40], ["", ""]):
-        log = read(tmp_path, [wifi(k, address) for k, address in enumerate(chosen)])
-        numbers = [opaque_ids("wifi", [address.encode()])[0] for address in chosen]
-        assert log.rows["wifi"][:, 1].tolist() == numbers
-
-
 def test_numbers_of_any_form_equal_float(tmp_path: Path) -> None:
     forms = ["-0.0", "+1.5", " 2.5", "3.5 ", "1e-3", "9.3078613E-4", ".5", "5.", "007", "0.1234567890123456789"]
     forms += ["-12.345678901234567", "123.456789012345", "0.000000000000001", "-1E-320"]
@@ -235,7 +219,7 @@ def test_similar_types_are_not_confused(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("glue", [(5, 6), (0, 1), (81, 82), (83, 84), (85, 86), (87, 88), (80, 81)])
+@pytest.mark.parametrize("glue", [(5, 6), (81, 82), (85, 86), (87, 88)])
 def test_records_glued_into_one_line_are_split(tmp_path: Path, glue: tuple[int, int]) -> None:
     lines = [*sensors(), wifi(300), wifi(300, FAR), beacon(10), beacon(20), *waypoints(0, 100, 380)]
     lines += [row(5, "DIST1", 1, 2, 3), row(6, "BLUE", "a", -3), row(7, "X", 1)]
@@ -277,22 +261,10 @@ def test_radio_map_only_no_wifi_no_waypoint_and_late_waypoint(tmp_path: Path) ->
     assert len(read(tmp_path, sensors()).reference) == 0
 
 
-def test_accuracy_is_optional_and_never_kept(tmp_path: Path) -> None:
-    with_accuracy = read(tmp_path, sensors())
-    without = read(tmp_path, [line.rsplit("\t", 1)[0] for line in sensors()])
-    assert_same(with_accuracy.rows, without.rows)
-
-
 def test_repeated_rows_are_dropped_and_counted(tmp_path: Path) -> None:
     log = read(tmp_path, [*sensors(), sensors()[0], *waypoints(0, 300), *waypoints(0)])
     assert log.report.dropped == {"the same row twice": 2}
     assert log.report.kept["accel"] == 20
-
-
-def test_the_same_time_with_other_values_is_kept(tmp_path: Path) -> None:
-    log = read(tmp_path, [*sensors(), row(0, "ACCELEROMETER", 1.0, 2.0, 9.0, 2)])
-    np.testing.assert_array_equal(log.rows["accel"][:2, 0], [0.0, 0.0])
-    assert len(log.rows["accel"]) == 21
 
 
 def test_every_record_is_accounted_for(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -301,14 +273,6 @@ def test_every_record_is_accounted_for(tmp_path: Path, rng: np.random.Generator)
     report = read(tmp_path, lines).report
     accounted = sum(report.kept.values()) + sum(report.skipped.values()) + sum(report.dropped.values())
     assert accounted == len(lines)
-
-
-def test_gaps_and_constant_sensors_are_facts_not_errors(tmp_path: Path) -> None:
-    still = [row(t, "MAGNETIC_FIELD", 10, 20, -30, 3) for t in range(0, 400, 20)]
-    log = read(tmp_path, [*still, *waypoints(0, 60_000)])
-    assert log.report.constant == ("mag",)
-    assert log.report.longest_gap_s["mag"] == pytest.approx(0.02)
-    assert log.report.longest_gap_s["reference"] == 60.0
 
 
 def test_line_ends_byte_order_mark_and_gzip_change_nothing(tmp_path: Path) -> None:
@@ -326,28 +290,19 @@ def test_line_ends_byte_order_mark_and_gzip_change_nothing(tmp_path: Path) -> No
     [
         (row(0, "ACCELEROMETER", "0,1", 0, 9.81, 2), "TYPE_ACCELEROMETER is '0,1': a decimal comma; write a point"),
         (row(0, "ACCELEROMETER", "NaN", 0, 9.81, 2), "is 'NaN': not a finite number"),
-        (row(0, "ACCELEROMETER", "1e400", 0, 9.81, 2), "is '1e400': not a finite number"),
-        (row(0, "ACCELEROMETER", "-inf", 0, 9.81, 2), "is '-inf': not a finite number"),
         (row(0, "ACCELEROMETER", "", 0, 9.81, 2), "is '': not a finite number"),
         (row(0, "ACCELEROMETER", 9810, 0, 0, 2), r"is '9810': outside \[-490, 490\]; check its unit"),
-        (row(0, "GYROSCOPE", 0, 170, 0, 3), r"is '170': outside \[-69, 69\]"),
         (row(0, "ROTATION_VECTOR", 0.9, 0.9, 0.1, 3), "the rotation vector has length 1.27"),
         (row(0, "WIFI", "a", NEAR, -600, 2462, T0), "is '-600': outside"),
-        (row(0, "WIFI", "a", NEAR, "-60.5dBm", 2462, T0), "is '-60.5dBm': not a finite number"),
         (row(0, "WIFI", "a", NEAR, -60, T0), "TYPE_WIFI has 6 fields, expected 7 or more; the line is cut"),
         (row(0, "WAYPOINT", 120.5), "TYPE_WAYPOINT has 3 fields"),
-        (row(0, "WAYPOINT", 1e7, 2), "outside"),
-        (row(0, "BEACON", "u", 0, 0, -56, -79), "TYPE_BEACON has 7 fields"),
         (f"{T0 // 1000}\tTYPE_WAYPOINT\t1\t2", "the time has 10 characters.*looks like seconds"),
         (f"{T0}000\tTYPE_WAYPOINT\t1\t2", "the time has 16 characters.*looks like microseconds"),
         (f"{T0}000000\tTYPE_WAYPOINT\t1\t2", "the time has 19 characters.*looks like nanoseconds"),
         ("157455978x000\tTYPE_WAYPOINT\t1\t2", "not a whole number of unix milliseconds"),
-        ("-57455978900\tTYPE_WAYPOINT\t1\t2", "the time has 12 characters"),
         ("0000000000001\tTYPE_WAYPOINT\t1\t2", "not a whole number of unix milliseconds"),
         ("some words", "no tab"),
-        (f"{T0}", "no tab"),
         (f"{T0}\t", "no type behind the time"),
-        (f"{T0}\tGYRO\t1\t2\t3", "no type behind|does not begin with TYPE_"),
         (f"{T0}\tSENSOR_GYRO\t1\t2\t3", "the second field does not begin with TYPE_"),
     ],
 )
@@ -414,51 +369,6 @@ def test_level_comes_from_the_header_or_the_caller(tmp_path: Path) -> None:
     (tmp_path / "B1").mkdir()
     kaggle = put(tmp_path / "B1", waypoints(0), header="#\tstartTime:1\n#\tSiteID:5a\tSiteName:b\tFloorId:c\n")
     assert ilc20.read(kaggle).reference.level[0] == -1  # the folder names it
-
-
-def slow_twin(path: Path) -> dict[str, list[list[float]]]:
-    """The streams read line by line, without any checking."""
-    found: dict[str, list[list[float]]] = {}
-    best: dict[tuple[int, str], tuple[float, float, int]] = {}
-    scans: list[tuple[int, str, list[float]]] = []
-    for number, line in enumerate(gzip.decompress(path.read_bytes()).decode().split("\n")):
-        fields = line.split("\t")
-        if len(fields) < 3 or fields[0] == "#":
-            continue
-        t_ms, kind = int(fields[0]), fields[1]
-        if kind == "TYPE_WIFI":
-            age_s = (t_ms - int(fields[6])) / 1000
-            key = (t_ms, fields[3])
-            best[key] = min(best.get(key, (np.inf, 0.0, 0)), (age_s, -float(fields[4]), number))
-            scans.append((number, fields[3], [t_ms, float(fields[4]), float(fields[5]), age_s]))
-        elif kind == "TYPE_BEACON":
-            found.setdefault("ble", []).append([t_ms, float(fields[6]), float(fields[5])])
-        elif kind == "TYPE_WAYPOINT":
-            found.setdefault("reference", []).append([t_ms, *map(float, fields[2:4])])
-        elif kind in ("TYPE_ACCELEROMETER", "TYPE_GYROSCOPE", "TYPE_MAGNETIC_FIELD"):
-            name = {"A": "accel", "G": "gyro", "M": "mag"}[kind[5]]
-            found.setdefault(name, []).append([t_ms, *map(float, fields[2:5])])
-    found["wifi"] = [values for number, ap, values in scans if best[int(values[0]), ap][2] == number]
-    first = min(row[0] for rows in found.values() for row in rows)
-    return {
-        name: sorted(([(r[0] - first) / 1000, *r[1:]] for r in rows), key=lambda r: r[0])
-        for name, rows in found.items()
-    }
-
-
-@pytest.mark.data
-def test_recorded_walks_equal_the_slow_twin(data_root: Path) -> None:
-    walks = sorted((data_root / "ilc20").glob("*/*/*/*.txt.gz"))[::24]
-    for path in walks:
-        log, twin = ilc20.read(path), slow_twin(path)
-        for name, rows in twin.items():
-            columns = {"wifi": [0, 2, 3, 4], "ble": [0, 2, 3]}.get(name, slice(None))
-            fast = (
-                np.column_stack([log.reference.t_s, log.reference.xy_m])
-                if name == "reference"
-                else log.rows[name][:, columns]
-            )
-            np.testing.assert_array_equal(fast, rows, err_msg=f"{name} of {path.name}")
 
 
 @pytest.mark.data

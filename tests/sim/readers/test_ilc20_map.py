@@ -96,11 +96,6 @@ def test_frame_is_metres_east_and_north_of_the_south_west_corner(tmp_path: Path)
     np.testing.assert_allclose(np.sort(zone.outline_xy_m, axis=0), [[40, 10], [50, 10], [50, 30]], atol=1e-3)
 
 
-def test_width_of_the_plan_sets_the_scale(tmp_path: Path) -> None:
-    floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE], width_m=2 * WIDTH_M))
-    np.testing.assert_allclose(floor.polygons[0].outline_xy_m.max(axis=0), [120.0, 80.0], atol=2e-3)
-
-
 def test_parts_slivers_and_pinholes(tmp_path: Path) -> None:
     """A shop across the floor leaves two parts; gaps of less than a square metre are no floor."""
     shops = [feature(box(20, -1, 40, 41)), feature(box(40.01, 0, 50, 40))]
@@ -115,12 +110,6 @@ def test_a_repeated_shop_counts_once_under_its_last_name(tmp_path: Path) -> None
     floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, *features, feature(box(30, 30, 31, 31), name=" ")]))
     assert [zone.name for zone in floor.zones] == ["A&B"]
     assert floor.polygons[0].area_m2 == pytest.approx(2299, rel=1e-6)
-
-
-def test_outline_of_two_parts(tmp_path: Path) -> None:
-    outline = feature(box(0, 0, 20, HEIGHT_M), box(40, 0, WIDTH_M, HEIGHT_M), kind="MultiPolygon")
-    floor = ilc20_map.read_floor(put(tmp_path, [outline]))
-    assert [round(p.area_m2) for p in floor.polygons] == [800, 800]
 
 
 def test_building_has_every_floor_at_its_level(tmp_path: Path) -> None:
