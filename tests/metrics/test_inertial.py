@@ -23,9 +23,7 @@ from pdrbench.metrics.inertial import (
     speeds_mps,
     turned_rad,
     velocity_rmse_mps,
-    walked_m,
 )
-from pdrbench.metrics.odometry import drift_pct, path_length_m
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 ORIGIN = Start(xy_m=np.zeros(2), level=0, heading_rad=1.0)
@@ -213,19 +211,6 @@ def test_jitter_and_standing_turn_nothing() -> None:
     assert turned_rad(standing).max() == 0.0
     swaying = make_reference(straight(3000, 0.014) + 0.001 * rng.normal(size=(3000, 2)), period_s=0.01)
     assert turned_rad(swaying)[-1] < 42 * 0.002
-
-
-def test_the_way_is_that_of_drift_pct() -> None:
-    rng = np.random.default_rng(7)
-    for period_s in (0.01, 0.4, 1.0, 3.7):
-        reference = make_reference(wander(8, 120), period_s=period_s)
-        brute_m = [
-            path_length_m(reference, np.append(np.arange(reference.t_s[0], t, 1.0), t)) for t in reference.t_s.tolist()
-        ]
-        assert walked_m(reference) == pytest.approx(brute_m)
-        last = dataclasses.replace(reference, surveyed=np.arange(120) == 119)
-        held = held_on(last, offset_m=rng.normal(size=2))
-        assert eag_distance_pct(held, last) == pytest.approx(drift_pct(held, last))
 
 
 def test_rows_close_to_the_start_are_left_out() -> None:

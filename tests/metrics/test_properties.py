@@ -164,23 +164,6 @@ def test_the_oracle_scores_zero(seed: int) -> None:
         assert scores["heading_share"] == 1.0 or math.isnan(scores["heading_share"])
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
-@given(seed=SEEDS, angle_deg=st.integers(0, 359))
-def test_a_constant_offset_scores_its_length(seed: int, angle_deg: int) -> None:
-    _, reference = make_walk(seed)
-    unclaimed = np.full(len(reference), math.nan)
-    offset_m = rigid(np.array([[3.0, 4.0]]), math.radians(angle_deg), (0.0, 0.0))
-    estimates = Estimates(
-        reference.t_s, reference.xy_m + offset_m, reference.level.astype(float), unclaimed, unclaimed, unclaimed
-    )
-    scores = score(estimates, reference, None, start())
-    if scores["n"]:
-        for name in ("ate_m", "mean_m", "rmse_m", "p50_m", "p95_m", "max_m", "bias_m", "p75_level_penalised_m"):
-            assert scores[name] == pytest.approx(5.0), name
-        for name in ("ate_start_aligned_m", "ate_se2_aligned_m", "rte_60s_m", "distance_error_pct"):
-            assert math.isnan(scores[name]) or scores[name] == pytest.approx(0.0, abs=1e-6), name
-
-
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=SEEDS)
 def test_a_wrong_level_is_never_dropped(seed: int) -> None:

@@ -242,17 +242,6 @@ def test_pairs_are_compared_walk_by_walk() -> None:
     assert found["good", "same"].p_holm > 0.05
 
 
-def test_the_order_of_walks_changes_no_comparison() -> None:
-    rng = np.random.default_rng(10)
-    values = {name: rng.gamma(2.0, size=25) for name in "abc"}
-    units, order = rng.integers(0, 5, 25), rng.permutation(25)
-    expected = compare_pairs(values, rng=fresh(), units=units)
-    permuted = {name: of[order] for name, of in values.items()}
-    for found, wanted in zip(compare_pairs(permuted, rng=fresh(), units=units[order]), expected, strict=True):
-        assert (found.p, found.low, found.high) == pytest.approx((wanted.p, wanted.low, wanted.high))
-        assert found.effect == pytest.approx(wanted.effect)
-
-
 def test_walks_of_another_number_are_refused() -> None:
     with pytest.raises(ValueError, match="differ in walks"):
         compare_pairs({"a": [1.0], "b": [1.0, 2.0]}, rng=fresh())
