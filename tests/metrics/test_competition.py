@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import hold_at, score
 from pdrbench.metrics.competition import mean_level_penalised_m, p75_level_penalised_m, penalised_errors_m
@@ -108,15 +109,8 @@ def test_sample_entries_score_as_published(data_root: Path, entry: str) -> None:
 
 def one_level_off(count: int, wrong: int) -> tuple[Held, Trajectory]:
     """A walk with an error of 2 m everywhere and `wrong` rows two levels off."""
-    reference = Trajectory(
-        t_s=np.arange(count, dtype=float),
-        xy_m=np.zeros((count, 2)),
-        level=np.zeros(count, int),
-        surveyed=np.ones(count, bool),
-    )
-    level = np.where(np.arange(count) < wrong, -2.0, 0.0)
-    unclaimed = np.full(count, math.nan)
-    estimates = Estimates(reference.t_s, np.full((count, 2), [0.0, 2.0]), level, unclaimed, unclaimed, unclaimed)
+    reference = make_reference(np.zeros((count, 2)))
+    estimates = make_answers(reference.t_s, [0.0, 2.0], np.where(np.arange(count) < wrong, -2.0, 0.0))
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 

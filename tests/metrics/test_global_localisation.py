@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import hold_at
 from pdrbench.metrics.global_localisation import (
@@ -34,17 +35,9 @@ def make_walk(
 ) -> tuple[Held, Trajectory, Held]:
     """Answers with these errors at every surveyed position: held there, the reference, held at every answer."""
     errors = np.asarray(errors, dtype=float)
-    count = len(errors)
-    t_s = begin_s + every_s * np.arange(count)
-    reference = Trajectory(t_s, np.zeros((count, 2)), np.zeros(count), np.ones(count, bool))
-    estimates = Estimates(
-        t_s=t_s,
-        xy_m=np.column_stack([errors, np.zeros(count)]),
-        level=np.broadcast_to(level, count).astype(float),
-        heading_rad=np.full(count, math.nan),
-        sigma_m=np.full(count, math.nan),
-        converged=np.broadcast_to(converged, count).astype(float),
-    )
+    t_s = begin_s + every_s * np.arange(len(errors))
+    reference = make_reference(np.zeros((len(errors), 2)), t_s=t_s)
+    estimates = make_answers(t_s, errors[:, None] * [1.0, 0.0], level, converged=converged)
     return hold_at(estimates, t_s, NOWHERE), reference, hold_at(estimates, t_s, NOWHERE, slack_s=0.0)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import METRICS, hold_at, score
 from pdrbench.metrics.hold import MAX_COORDINATE_M, availability, staleness_s
@@ -16,23 +17,12 @@ from pdrbench.trajectory import Estimates, Start, Trajectory
 FALLBACK = Start(xy_m=np.array([-7.0, 2.0]), level=3, heading_rad=0.5)
 
 
-def make_estimates(t_s: list[float], x_m: list[float], level: list[float] | None = None) -> Estimates:
-    count = len(t_s)
-    return Estimates(
-        t_s=np.array(t_s),
-        xy_m=np.column_stack([np.array(x_m), np.zeros(count)]) if count else np.zeros((0, 2)),
-        level=np.zeros(count) if level is None else np.array(level),
-        heading_rad=np.full(count, math.nan),
-        sigma_m=np.full(count, math.nan),
-        converged=np.full(count, math.nan),
-    )
+def make_estimates(t_s: list[float], x_m: list[float], level: object = 0.0) -> Estimates:
+    return make_answers(t_s, np.reshape(x_m, (-1, 1)) * [1.0, 0.0], level)
 
 
-def make_reference(t_s: list[float]) -> Trajectory:
-    count = len(t_s)
-    return Trajectory(
-        t_s=np.array(t_s), xy_m=np.zeros((count, 2)), level=np.zeros(count, int), surveyed=np.ones(count, bool)
-    )
+def unmoved(t_s: list[float]) -> Trajectory:
+    return make_reference(np.zeros((len(t_s), 2)), t_s=t_s)
 
 
 def test_before_the_first_answer_the_fallback_is_held() -> None:
@@ -45,7 +35,7 @@ def test_before_the_first_answer_the_fallback_is_held() -> None:
 
 
 def test_a_localizer_that_never_answers_is_scored_at_the_fallback() -> None:
-    scores = score(make_estimates([], []), make_reference([1.0, 2.0]), None, FALLBACK, period_s=0.5)
+    scores = score(make_estimates([], []), unmoved([1.0, 2.0]), None, FALLBACK, period_s=0.5)
     assert scores["mean_m"] == pytest.approx(math.hypot(7, 2))
     assert scores["n"] == 2
     assert scores["level_hit_rate"] == 0.0
@@ -55,20 +45,20 @@ def test_a_localizer_that_never_answers_is_scored_at_the_fallback() -> None:
 
 @pytest.mark.parametrize("column", ["xy_m", "level"])
 def test_a_missing_answer_holds_the_one_before(column: str) -> None:
-    broken = {"xy_m": ([10.0, math.nan, 12.0], None), "level": ([10.0, 11.0, 12.0], [0.0, math.nan, 0.0])}[column]
+    broken = {"xy_m": ([10.0, math.nan, 12.0], 0.0), "level": ([10.0, 11.0, 12.0], [0.0, math.nan, 0.0])}[column]
     held = hold_at(make_estimates([0.0, 1.0, 2.0], *broken), np.array([0.5, 1.5, 2.5]), FALLBACK)
     assert held.xy_m[:, 0].tolist() == [10.0, 10.0, 12.0]
     assert held.age_s.tolist() == [0.5, 1.5, 0.5]
 
 
 def test_an_absurd_answer_is_scored_as_far_away_and_stays_finite() -> None:
-    scores = score(make_estimates([0.0], [1e300], [1e300]), make_reference([1.0, 2.0]), None, FALLBACK)
+    scores = score(make_estimates([0.0], [1e300], [1e300]), unmoved([1.0, 2.0]), None, FALLBACK)
     assert scores["rmse_m"] == MAX_COORDINATE_M
     assert all(math.isfinite(scores[name]) for name in ("p75_level_penalised_m", "ate_se2_aligned_m", "rte_60s_m"))
 
 
 def test_availability_asks_for_an_answer_to_the_newest_observation() -> None:
-    reference = make_reference([0.1, 0.6, 1.1, 1.6, 2.1])
+    reference = unmoved([0.1, 0.6, 1.1, 1.6, 2.1])
     answers = make_estimates([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, math.nan, 0.0, 0.0, 0.0])
     held = hold_at(answers, reference.t_s, FALLBACK)
     assert availability(held, reference, 0.5) == 0.8
@@ -102,31 +92,15 @@ SILENCE_COSTS = {"availability", "staleness_s"}
 
 def make_walk(rng: np.random.Generator, count: int) -> tuple[Estimates, Trajectory]:
     t_s = np.arange(count) * 1.0
-    reference = Trajectory(
-        t_s=t_s + 0.3,
-        xy_m=np.cumsum(rng.normal(size=(count, 2)), axis=0),
-        level=rng.integers(0, 2, count),
-        surveyed=rng.random(count) < 0.8,
-    )
-    estimates = Estimates(
-        t_s=t_s,
-        xy_m=reference.xy_m + rng.normal(size=(count, 2)) * 3,
-        level=rng.integers(0, 2, count).astype(float),
-        heading_rad=np.full(count, math.nan),
-        sigma_m=np.full(count, math.nan),
-        converged=np.full(count, math.nan),
-    )
-    return estimates, reference
+    way_m = np.cumsum(rng.normal(size=(count, 2)), axis=0)
+    reference = make_reference(way_m, rng.integers(0, 2, count), rng.random(count) < 0.8, t_s=t_s + 0.3)
+    return make_answers(t_s, way_m + rng.normal(size=(count, 2)) * 3, rng.integers(0, 2, count)), reference
 
 
 def cut(estimates: Estimates, rows: int) -> Estimates:
     return Estimates(
         *(getattr(estimates, name)[:rows] for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m", "converged"))
     )
-
-
-def answers(t_s: np.ndarray, xy_m: np.ndarray, level: np.ndarray) -> Estimates:
-    return Estimates(t_s, xy_m, level, *np.full((3, len(t_s)), math.nan))
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
@@ -137,11 +111,11 @@ def test_missing_answers_score_as_the_last_answer_repeated(seed: int, count: int
     estimates, reference = make_walk(np.random.default_rng(seed), count)
     last = data.draw(st.integers(1, count)) - 1
     row = np.minimum(np.arange(count), last)
-    repeated = answers(estimates.t_s, estimates.xy_m[row], estimates.level[row])
+    repeated = make_answers(estimates.t_s, estimates.xy_m[row], estimates.level[row])
     xy_m = np.where(np.arange(count)[:, None] > last, math.nan, estimates.xy_m)
     silenced = {
         "crashed": cut(estimates, last + 1),
-        "NaN": answers(estimates.t_s, xy_m, estimates.level),
+        "NaN": make_answers(estimates.t_s, xy_m, estimates.level),
     }
     wanted = score(repeated, reference, None, FALLBACK, period_s=1.0)
     for silent in silenced.values():

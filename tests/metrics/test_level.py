@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import hold_at
 from pdrbench.metrics.hold import Held
@@ -16,26 +17,14 @@ from pdrbench.metrics.level import (
     level_changes_missed,
     level_hit_rate,
 )
-from pdrbench.trajectory import Estimates, Start, Trajectory
+from pdrbench.trajectory import Start, Trajectory
 
 
-def walk(true: list[int], estimated: list[float], surveyed: list[bool] | None = None) -> tuple[Held, Trajectory]:
+def walk(true: list[int], estimated: list[float], surveyed: object = True) -> tuple[Held, Trajectory]:
     """A walk of one row every two seconds."""
-    count = len(true)
-    reference = Trajectory(
-        t_s=2.0 * np.arange(count),
-        xy_m=np.zeros((count, 2)),
-        level=np.array(true),
-        surveyed=np.ones(count, bool) if surveyed is None else np.array(surveyed),
-    )
-    estimates = Estimates(
-        t_s=reference.t_s,
-        xy_m=np.zeros((count, 2)),
-        level=np.array(estimated, dtype=float),
-        heading_rad=np.full(count, math.nan),
-        sigma_m=np.full(count, math.nan),
-        converged=np.full(count, math.nan),
-    )
+    nowhere = np.zeros((len(true), 2))
+    reference = make_reference(nowhere, true, surveyed, t_s=2.0 * np.arange(len(true)))
+    estimates = make_answers(reference.t_s, nowhere, estimated)
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import hold_at, score
 from pdrbench.metrics.hold import Held
@@ -30,19 +31,8 @@ from pdrbench.trajectory import Estimates, Start, Trajectory
 ORIGIN = Start(xy_m=np.zeros(2), level=0)
 
 
-def make_reference(xy_m: np.ndarray, *, period_s: float = 1.0, surveyed: object = True) -> Trajectory:
-    count = len(xy_m)
-    return Trajectory(
-        t_s=period_s * np.arange(count),
-        xy_m=np.asarray(xy_m, dtype=float),
-        level=np.zeros(count, int),
-        surveyed=np.broadcast_to(surveyed, count),
-    )
-
-
 def answer(reference: Trajectory, xy_m: np.ndarray) -> Estimates:
-    unclaimed = np.full(len(reference), math.nan)
-    return Estimates(reference.t_s, xy_m, np.zeros(len(reference)), unclaimed, unclaimed, unclaimed)
+    return make_answers(reference.t_s, xy_m)
 
 
 def held_on(reference: Trajectory, xy_m: np.ndarray) -> Held:
@@ -156,16 +146,16 @@ def test_drift_counts_the_path_from_the_given_start() -> None:
 
 def test_a_dense_and_a_sparse_reference_have_the_same_length() -> None:
     corners = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0]])
-    sparse = make_reference(corners, period_s=20.0)
+    sparse = make_reference(corners, t_s=20.0 * np.arange(3))
     dense = make_reference(
-        np.vstack([np.linspace(*corners[:2], 600)[:-1], np.linspace(*corners[1:], 401)]), period_s=0.04
+        np.vstack([np.linspace(*corners[:2], 600)[:-1], np.linspace(*corners[1:], 401)]), t_s=0.04 * np.arange(1000)
     )
     assert path_length_m(sparse, resampling_times_s(sparse)) == pytest.approx(50.0)
     assert path_length_m(dense, resampling_times_s(dense)) == pytest.approx(50.0, abs=0.5)
 
 
 def test_jitter_within_a_second_adds_no_distance() -> None:
-    reference = make_reference(np.column_stack([0.1 * np.arange(601), np.zeros(601)]), period_s=0.1)
+    reference = make_reference(np.column_stack([0.1 * np.arange(601), np.zeros(601)]), t_s=0.1 * np.arange(601))
     jitter = np.where(np.arange(601) % 10 == 5, 3.0, 0.0)[:, None] * [0.0, 1.0]
     estimates = answer(reference, reference.xy_m + jitter)
     resampled = hold_at(estimates, resampling_times_s(reference), ORIGIN)
@@ -222,7 +212,7 @@ def test_staying_at_the_start_of_such_a_loop_does_not_close_it() -> None:
 
 
 def test_two_rows_apart_are_no_loop() -> None:
-    reference = make_reference(np.array([[0.0, 0.0], [0.5, 0.0]]), period_s=9.0)
+    reference = make_reference(np.array([[0.0, 0.0], [0.5, 0.0]]), t_s=9.0 * np.arange(2))
     track = answer(make_reference(straight(10)), straight(10))
     assert math.isnan(score(track, reference, None, ORIGIN)["loop_closure_pct"])
 

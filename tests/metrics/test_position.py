@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import ecdf, errors_m, hold_at, pooled
 from pdrbench.metrics.hold import Held
@@ -23,32 +24,12 @@ from pdrbench.metrics.position import (
     success,
     vertical_error_m,
 )
-from pdrbench.trajectory import Estimates, Start, Trajectory
-
-
-def make_reference(xy_m: object, level: object = 0, surveyed: object = True, z_m: object = None) -> Trajectory:
-    xy_m = np.asarray(xy_m, dtype=float)
-    count = len(xy_m)
-    return Trajectory(
-        t_s=np.arange(count, dtype=float),
-        xy_m=xy_m,
-        level=np.broadcast_to(level, count),
-        surveyed=np.broadcast_to(surveyed, count),
-        z_m=None if z_m is None else np.broadcast_to(z_m, count),
-    )
+from pdrbench.trajectory import Start, Trajectory
 
 
 def held_on(reference: Trajectory, xy_m: object, level: object = 0.0) -> Held:
     """Answers at exactly the times of the reference."""
-    count = len(reference)
-    estimates = Estimates(
-        t_s=reference.t_s,
-        xy_m=np.broadcast_to(np.asarray(xy_m, dtype=float), (count, 2)),
-        level=np.broadcast_to(level, count),
-        heading_rad=np.full(count, math.nan),
-        sigma_m=np.full(count, math.nan),
-        converged=np.full(count, math.nan),
-    )
+    estimates = make_answers(reference.t_s, xy_m, level)
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0))
 
 
@@ -177,7 +158,7 @@ def test_along_path_equals_brute_force(seed: int) -> None:
 
 
 def test_heights_are_scored_where_the_reference_has_them(two_levels: object) -> None:
-    reference = make_reference([[1.0, 1.0]] * 4, z_m=0.0)
+    reference = make_reference([[1.0, 1.0]] * 4, z_m=np.zeros(4))
     held = held_on(reference, [[1.0, 5.0]] * 4, level=[0.0, 0.0, 0.0, 1.0])
     assert vertical_error_m(held, reference, two_levels, quantile=1.0) == pytest.approx(3.5)
     assert vertical_error_m(held, reference, two_levels, quantile=0.5) == 0.0
@@ -186,7 +167,7 @@ def test_heights_are_scored_where_the_reference_has_them(two_levels: object) -> 
 
 
 def test_outside_every_polygon_the_height_is_that_of_the_level(two_levels: object) -> None:
-    reference = make_reference([[1.0, 1.0]], z_m=0.0)
+    reference = make_reference([[1.0, 1.0]], z_m=[0.0])
     assert vertical_error_m(held_on(reference, [99.0, 99.0], level=1.0), reference, two_levels) == pytest.approx(3.5)
     beyond = held_on(reference, [1.0, 1.0], level=3.0)
     assert vertical_error_m(beyond, reference, two_levels, level_height_m=4.0) == pytest.approx(3.5 + 2 * 4.0)
@@ -198,5 +179,5 @@ def test_without_heights_there_is_no_vertical_error(two_levels: object) -> None:
     assert math.isnan(circular_error_m(held, reference))
     for metric in (vertical_error_m, spherical_error_m):
         assert math.isnan(metric(held, reference, two_levels))
-    with_z = make_reference([[1.0, 1.0]], z_m=0.0)
+    with_z = make_reference([[1.0, 1.0]], z_m=[0.0])
     assert math.isnan(vertical_error_m(held, with_z, None))

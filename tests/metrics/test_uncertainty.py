@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from scipy.stats import rayleigh, rice
+from tracks import make_answers, make_reference
 
 from pdrbench.metrics import hold_at
 from pdrbench.metrics.hold import Held
@@ -19,23 +20,15 @@ from pdrbench.metrics.uncertainty import (
     energy_scores_m,
     sigma_unusable,
 )
-from pdrbench.trajectory import Estimates, Start, Trajectory
+from pdrbench.trajectory import Start, Trajectory
 
 METRICS = (energy_score_m, coverage, anees, sigma_unusable)
 
 
 def make_walk(errors: object, sigma_m: object, level: object = 0.0) -> tuple[Held, Trajectory]:
     errors = np.asarray(errors, dtype=float)
-    count = len(errors)
-    reference = Trajectory(np.arange(count), np.zeros((count, 2)), np.zeros(count), np.ones(count, bool))
-    estimates = Estimates(
-        t_s=reference.t_s,
-        xy_m=errors[:, None] * [0.6, 0.8],
-        level=np.broadcast_to(level, count).astype(float),
-        heading_rad=np.full(count, math.nan),
-        sigma_m=np.broadcast_to(sigma_m, count).astype(float),
-        converged=np.full(count, math.nan),
-    )
+    reference = make_reference(np.zeros((len(errors), 2)))
+    estimates = make_answers(reference.t_s, errors[:, None] * [0.6, 0.8], level, sigma_m=sigma_m)
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 

@@ -90,28 +90,6 @@ def test_on_stairs_a_stride_climbs_two_treads(office, feet):
     assert np.mean(np.abs(climbed - 2) < NEAR) > 0.85  # the rest passes the landing half way up
 
 
-def test_strides_on_a_straight_vary_as_measured(room):
-    corridor = Building("corridor", (room("corridor", [(0, 0), (900, 0), (900, 4), (0, 4)]),))
-    person = Person(1.70, cadence_hz=1.8, step_length_m=0.68, step_slope_m_per_hz=0.3, asymmetry=0.01)
-    mesh = navigation_mesh(corridor)
-    steady = WalkParams(speed_sigma=0.0, sway_sigma_m=0.0, pause_every_s=1e9)
-    walk = walk_through(np.random.default_rng(0), mesh, person, [Place(0, [1, 2]), Place(0, [899, 2])], steady)
-    rests, _ = stances(walk, np.random.default_rng(1))
-    true = strides(corridor, rests)
-    length_m, stride_s = true.length_m[3:-3], np.diff(rests.mid_s)[3:-3]
-    assert len(stride_s) > 600
-    # 3 % between strides leave 0.1 % in a mean, and ten times that where they are correlated over the whole way.
-    assert stride_s.mean() == pytest.approx(2 / 1.8, rel=0.01)
-    assert length_m.mean() == pytest.approx(2 * 0.68, rel=0.01)
-    # sources.md 1.2: CV of stride time 2.6 to 4 %, of stride length up to 4.5 %.
-    assert 0.02 < stride_s.std() / stride_s.mean() < 0.04
-    assert 0.02 < length_m.std() / length_m.mean() < 0.045
-    # Long-range correlation: the mean of 16 strides varies more than 3 %/4 as it would if they were independent.
-    means = stride_s[: len(stride_s) // 16 * 16].reshape(-1, 16).mean(axis=1)
-    assert means.std() > 1.3 * stride_s.std() / 4
-    assert np.degrees(true.turn_rad[3:-3]).std() < 1.0
-
-
 def test_feet_alternate_and_stay_beside_the_body(walks):
     left, right = stances(walks[0], np.random.default_rng(3))
     mid_s = np.concatenate([left.mid_s[1:], right.mid_s[1:]])

@@ -56,19 +56,6 @@ def test_height_follows_the_floor_to_a_riser(office, paths):
         assert np.abs(np.diff(path.z_m)).max() < 0.02 * 1.5 * 0.75  # 1.5 m/s on a slope of 0.18 / 0.28
 
 
-def test_people_pause_at_places_and_now_and_then_on_the_way(walks):
-    gaps_s = np.concatenate(
-        [[b.t_s[0] - a.t_s[-1] for a, b in zip(walk.bouts, walk.bouts[1:], strict=False)] for walk in walks]
-    )
-    assert len(gaps_s) >= 4 * 4
-    assert gaps_s.min() >= 1.2
-    # Log-normal, median 4 s, plus up to 2.2 s for turning. Its log has sd 0.6: a median of n has 1.25 * 0.6 / sqrt(n).
-    tolerance = math.exp(3 * 0.75 / math.sqrt(len(gaps_s)))
-    assert 4 / tolerance < np.median(gaps_s) < 6.2 * tolerance
-    total_s = sum(walk.end_s for walk in walks)
-    assert 25 < total_s / len(gaps_s) < 80  # sources.md 1.10: one in 45 s
-
-
 def test_bouts_join_without_a_jump(walks):
     for walk in walks:
         for before, after in zip(walk.bouts, walk.bouts[1:], strict=False):

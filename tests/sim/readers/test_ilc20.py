@@ -115,15 +115,6 @@ def test_rotation_vector_becomes_a_unit_quaternion(tmp_path: Path) -> None:
     np.testing.assert_allclose(rotation[2, 1:], [0.5, 0.5, -0.5, 0.5], atol=1e-15)
 
 
-def test_heading_of_the_top_edge_agrees_with_the_published_azimuth(tmp_path: Path) -> None:
-    """atan2(2(qx qy - qz qw), 1 - 2(qx^2 + qz^2)), clockwise from north, is the y axis turned by the quaternion."""
-    log = read(tmp_path, [row(0, "ROTATION_VECTOR", 0.2, -0.1, 0.6, 3)])
-    qw, qx, qy, qz = log.rows["rotation"][0, 1:]
-    azimuth_rad = np.arctan2(2 * (qx * qy - qz * qw), 1 - 2 * (qx**2 + qz**2))
-    north, east = 1 - 2 * (qx**2 + qz**2), 2 * (qx * qy - qw * qz)
-    np.testing.assert_allclose(np.arctan2(north, east), np.pi / 2 - azimuth_rad, atol=1e-12)
-
-
 def test_wifi_age_is_time_since_last_seen(tmp_path: Path) -> None:
     log = read(tmp_path, [wifi(9000, seen_ms=1000), wifi(9000, FAR, seen_ms=9000)])
     np.testing.assert_array_equal(log.rows["wifi"][:, 4], [8.0, 0.0])
