@@ -70,5 +70,5 @@ def _size(text: str | None) -> tuple[float, float] | None:
 def _labels(pairs: list[str] | tuple[()]) -> dict[str, str]:
     labels = {name: text for name, found, text in (pair.partition("=") for pair in pairs) if found and text}
     if len(labels) < len(pairs):
-        raise PdrbenchError("--label is the id of a localizer and its text, each id once, as in mine-v0=Ours")
+        raise PdrbenchError("--label is the id of a localizer and its text, each id once, as in mine=Ours")
     return labels

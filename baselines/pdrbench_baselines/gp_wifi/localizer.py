@@ -1,4 +1,4 @@
-"""`gp_wifi-v0`: a Bayes filter on a lattice over all levels, with a radio map that extrapolates."""
+"""`gp_wifi`: a Bayes filter on a lattice over all levels, with a radio map that extrapolates."""
 
 from __future__ import annotations
 
