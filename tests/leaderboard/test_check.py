@@ -17,7 +17,7 @@ from pdrbench_leaderboard import schema
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.checking import check, check_bundle
 from pdrbench_leaderboard.entry import Entry, write_entry
-from pdrbench_leaderboard.plausibility import Finding, flags, is_fast, longest_frozen_s
+from pdrbench_leaderboard.plausibility import Finding, flags, is_fast
 from pdrbench_leaderboard.suites import SuiteEnvironment
 
 from .conftest import STAY, card_named
@@ -27,11 +27,6 @@ LISTED = SuiteEnvironment(env="Toy-v1", walks=3, noise_m=0.05)
 
 def with_manifest(bundle: Bundle, **changes: Any) -> Bundle:
     return dataclasses.replace(bundle, manifest=msgspec.structs.replace(bundle.manifest, **changes))
-
-
-def with_record(bundle: Bundle, **changes: Any) -> Bundle:
-    record = msgspec.structs.replace(bundle.manifest.environments[0], **changes)
-    return with_manifest(bundle, environments=(record,))
 
 
 def changed(entry: Entry, change: Callable[[answers.Whole], answers.Whole]) -> Entry:
@@ -69,15 +64,7 @@ def test_a_good_bundle_passes_and_scores(packed: dict[str, Bundle], tmp_path: Pa
     assert check(folder).passed
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.001, 2.0])
-def test_another_period_than_the_environments_is_refused(packed: dict[str, Bundle], factor: float) -> None:
-    """Estimates at half the times are those of a walk at double pace, and may score better."""
-    period_s = packed["Mine"].manifest.environments[0].period_s
-    checked = check_bundle(with_record(packed["Mine"], period_s=factor * period_s))
-    assert any("period" in why for why in broken(checked.findings))
-
-
-@pytest.mark.parametrize("name", ["mine\n", "mine\x00", "mine\u202e", "mine/..", ""])
+@pytest.mark.parametrize("name", ["mine\n", "mine/..", ""])
 def test_names_hold_nothing_but_their_signs(name: str) -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(name, schema.Name)
@@ -92,24 +79,6 @@ def test_a_file_that_is_no_bundle_is_one_finding(tmp_path: Path, content: bytes)
     assert len(checked.findings) == 1 and not checked.passed
     assert not check(tmp_path / "nothing.pdrz").passed
     assert not check(tmp_path).passed
-
-
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({"unsuitable": {}}, "lacks ToyDeaf-v1"),
-        ({"suite": "other"}, "no suite named 'other'"),
-        ({"unsuitable": {"ToyDeaf-v1": "x", "Moon-v0": "x"}}, "Moon-v0 is none of"),
-        ({"localizer": "other"}, "its card of 'mine'"),
-    ],
-)
-def test_manifests_that_do_not_fit_are_refused(packed: dict[str, Bundle], changes: dict[str, Any], why: str) -> None:
-    assert why in "".join(broken(check_bundle(with_manifest(packed["Mine"], **changes)).findings))
-
-
-def test_too_few_seeds_are_refused(packed: dict[str, Bundle]) -> None:
-    found = broken(check_bundle(with_manifest(packed["Wanders"], seeds=1)).findings)
-    assert "1 seeds; small-v1 has 2" in found[0]
 
 
 def test_a_registered_name_belongs_to_its_author(packed: dict[str, Bundle]) -> None:
@@ -200,12 +169,6 @@ def line(xy_m: np.ndarray) -> Estimates:
     nothing = np.full(len(xy_m), np.nan)
     level = np.where(np.isnan(xy_m[:, 0]), np.nan, 0.0)
     return Estimates(np.arange(len(xy_m)) * 1.0, xy_m, level, nothing, nothing, nothing)
-
-
-def test_frozen_time_in_closed_form() -> None:
-    x_m = np.array([0.0, 1.0, 1.0, 1.0, 2.0, np.nan, np.nan, 2.0])
-    assert longest_frozen_s(line(np.column_stack([x_m, x_m]))) == 2.0
-    assert longest_frozen_s(line(np.zeros((0, 2)))) == 0.0
 
 
 def test_speed_in_closed_form() -> None:

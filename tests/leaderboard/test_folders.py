@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdrbench.errors import BundleError, PluginError
+from pdrbench.errors import BundleError
 from pdrbench_leaderboard import folder_archive, packages
 from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle, write_members
 from pdrbench_leaderboard.checking import check_bundle
 from pdrbench_leaderboard.confine.shared_modules import shared_distributions
 from pdrbench_leaderboard.folder_archive import pack_folder, read_archive, unpack
-from pdrbench_leaderboard.folders import Supplies, check_packable, make_runnable
+from pdrbench_leaderboard.folders import Supplies, check_packable
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.packages import Locked, install, lock_of, lock_text, parse_lock
 from pdrbench_leaderboard.suites import Suite
@@ -58,6 +58,12 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheels")
     make_wheel(folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def installed(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which what is locked has been unpacked."""
+    return install(lock_of(cache), cache, tmp_path_factory.mktemp("packages")).folder
 
 
 @pytest.fixture
@@ -102,16 +108,10 @@ def test_a_lock_is_read_as_pip_writes_it() -> None:
     ("line", "why"),
     [
         ("foo", "not one version"),
-        ("foo>=1.0 --hash=sha256:" + SHA, "not one version"),
         ("foo @ https://example.org/foo.whl", "not one version"),
         ("-e ./foo", "not one version"),
-        ("-r other.txt", "not one version"),
-        ("--no-binary :all:", "not one version"),
         ("foo==1.0", "has no sha256"),
         ("foo==1.0 --hash=md5:" + "0" * 32, "has no sha256"),
-        ("foo==1.0 --hash=sha256:" + SHA + " --hash=md5:1", "has no sha256"),
-        ("foo==one.two --hash=sha256:" + SHA, "not one version"),
-        ("foo==1.0 ; colour == 'red' --hash=sha256:" + SHA, "not one version"),
         (f"foo==1.0 --hash=sha256:{SHA}\nFoo==2.0 --hash=sha256:{SHA}", "locks foo twice"),
         ("\udcff", "no text"),
         (f"foo==1.0 ; {'(' * 900} --hash=sha256:{SHA}", "not one version"),
@@ -147,10 +147,7 @@ def test_each_wheel_that_is_not_there_has_an_error_of_its_own(cache: Path, tmp_p
             install([locked], folder, tmp_path / "packages")
 
     refused(foreign, None, "name a folder of wheels with --wheels")
-    refused(dataclasses.replace(foreign, version="1.1"), cache, r"pip cannot install .*foreign==1\.1")
     refused(dataclasses.replace(foreign, sha256=frozenset({SHA})), cache, "DO NOT MATCH THE HASHES")
-    make_wheel(tmp_path / "other", tag="cp27-cp27m-win32")
-    refused(foreign, tmp_path / "other", "pip cannot install")
     assert not [*(tmp_path / "packages").iterdir()], "nothing is left behind"
 
 
@@ -212,10 +209,7 @@ ODD: dict[str, Callable[[Members], Members]] = {
     "not those that it declares": lambda m: m | {"net.npy": b"other"},
     "other.bin is no text": lambda m: m | {"other.bin": b"\xff"},
     "but for capitals": lambda m: m | {"Model.py": b""},
-    "file and a folder of the same name": lambda m: m | {"model.py/x.py": b""},
     "a member is named": lambda m: m | {"../x.py": b""},
-    "a member is named '.hidden": lambda m: m | {".hidden/x.py": b""},
-    "requirements.txt: 'foreign' is not one version": lambda m: m | {"requirements.txt": b"foreign\n"},
     "8000000 bytes without weights": lambda m: m | {"long.py": b" " * 8_000_001},
 }
 
@@ -245,13 +239,10 @@ def test_a_binary_file_that_is_not_declared_is_named_with_the_lines_that_declare
     assert "2 of weights" in read_archive(pack_folder(net)).summary
 
 
-def test_what_is_imported_and_not_locked_is_found_before_a_walk_is_played(
-    net: Path, tmp_path: Path, cache: Path
-) -> None:
+def test_what_is_imported_and_not_locked_is_found_before_a_walk_is_played(net: Path, installed: Path) -> None:
     with pytest.raises(BundleError, match=r"locks foreign 1\.0, and it is not installed"):
         check_packable(str(net))
-    installed = install(lock_of(cache), cache, tmp_path / "packages")
-    check_packable(f"{net}@{installed.folder}")
+    check_packable(f"{net}@{installed}")
     (net / "model.py").write_text("import hypothesis, numpy, parts, os\nclass Net: pass\n")
     (net / "requirements.txt").write_text("")
     with pytest.raises(BundleError, match="imports 'hypothesis' from hypothesis and does not lock it"):
@@ -271,16 +262,10 @@ def test_what_is_imported_and_not_locked_is_found_before_a_walk_is_played(
     check_packable("somewhere/file.py:Net")
 
 
-def test_a_folder_without_its_entry_is_refused_where_it_is_run_again(net: Path, tmp_path: Path, cache: Path) -> None:
-    (net / "localizer.toml").write_text((net / "localizer.toml").read_text().replace("model.py", "gone.py"))
-    with pytest.raises(PluginError, match="its entry is not found: no module 'gone'"):
-        make_runnable(pack_folder(net), tmp_path / "again", Supplies(wheels=cache, packages=tmp_path / "packages"))
-
-
 @pytest.fixture
-def bundle(net: Path, tmp_path: Path, cache: Path, small_suite: Suite) -> Bundle:
+def bundle(net: Path, installed: Path, small_suite: Suite) -> Bundle:
     """A folder as it was packed where its requirement is unpacked and not installed."""
-    spec = f"{net}@{install(lock_of(cache), cache, tmp_path / 'mine').folder}"
+    spec = f"{net}@{installed}"
     runs = play_suite([spec], small_suite)
     return read_bundle(write_bundle(make_bundle(spec, card_named("net"), small_suite, runs[spec])))
 
@@ -296,8 +281,6 @@ def test_a_folder_is_verified_where_its_requirement_is_not_installed(
     (one,) = verify(bundle, terms(secrets=(SECRET,), supplies=supplies))
     assert one.differences == ()
     assert one.entry.tier == "verified"
-    with pytest.raises(BundleError, match=r"requires foreign==1\.0: name a folder of wheels"):
-        verify(bundle, terms(supplies=Supplies(packages=tmp_path / "others")))
 
 
 def test_a_bundle_whose_folder_cannot_be_read_does_not_pass(packed: dict[str, Bundle], net: Path) -> None:

@@ -73,10 +73,6 @@ class Declines(Memorises):
             from pdrbench import UnsuitableError
             raise UnsuitableError("never seen")
 
-
-class Silent(Memorises):
-    def unknown(self):
-        return Estimate(xy_m=(float("nan"), 0.0), level=self.level)
 '''
 
 
@@ -125,7 +121,7 @@ def verified(file: Path, suite: Suite, terms: Terms, name: str) -> Entry:
 def ranked(file: Path, suite: Suite) -> Board:
     signing.new_key(file.with_name("maintainer.key"), "M. Aintainer", datetime.date(2026, 1, 1))
     terms = Terms(nonce=SECOND_NONCE, secrets=(SECRET,), key=file.with_name("maintainer.key"))
-    names = ("Honest", "Memorises", "Crashes", "Declines", "Silent")
+    names = ("Honest", "Memorises", "Crashes", "Declines")
     return make_board([verified(file, suite, terms, name) for name in names])
 
 

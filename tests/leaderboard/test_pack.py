@@ -12,7 +12,7 @@ from pdrbench.registry import environments, make_task
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard import pack
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
-from pdrbench_leaderboard.pack import make_bundle, play_suite, save_bundle
+from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import Suite, suites
 
 from .conftest import ENV, NONCE, SECRET, STAY, card_named
@@ -34,19 +34,6 @@ def test_no_path_of_the_submitter_is_packed(packed: dict[str, Bundle], submitted
     assert str(submitted.parent).encode() not in content
     assert packed["Mine"].manifest.spec == "submitted.py:Mine"
     assert packed["Mine"].source["submitted.py"] == submitted.read_bytes()
-
-
-def test_packing_goes_on_with_what_was_left(
-    packed: dict[str, Bundle], small_suite: Suite, submitted: Path, tmp_path: Path
-) -> None:
-    spec = f"{submitted}:Wanders"
-    again = {"results": tmp_path / "walks", "nonce": NONCE}
-    suite_run = play_suite([spec], small_suite, **again)[spec]
-    bundle = make_bundle(spec, card_named("wanders"), small_suite, suite_run)
-    assert bundle.estimates == packed["Wanders"].estimates, "the same seeds give the same bytes on one machine"
-    suite_run = play_suite([spec], small_suite, **again)[spec]  # nothing is run again
-    path = save_bundle(make_bundle(spec, card_named("wanders"), small_suite, suite_run), tmp_path / "wanders.pdrz")
-    assert path.read_bytes() == write_bundle(bundle)
 
 
 def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) -> None:

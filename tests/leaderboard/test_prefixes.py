@@ -12,18 +12,15 @@ import pytest
 
 from pdrbench.episode import Episode
 from pdrbench.errors import RecordingError, ResultError
-from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.process_run import play_in_child
 from pdrbench.evaluation.walk_job import plan_walks
 from pdrbench.process import Budget
 from pdrbench.registry import make_task
-from pdrbench.result import COMPLETE, Result
-from pdrbench_leaderboard.prefixes import check_prefixes, first_difference
+from pdrbench.result import Result
+from pdrbench_leaderboard.prefixes import check_prefixes
 
 ENV = "Toy-v1"
 SOURCE = """
-import time
-
 import numpy as np
 
 from pdrbench import Estimate
@@ -33,7 +30,6 @@ class Honest:
     def reset(self, briefing, rng):
         self.rng = rng
         self.end_s = briefing.subject.get("end_s", 0.0)
-        self.began_s = time.monotonic()
 
     def step(self, observation):
         self.now_s = observation.now_s
@@ -46,11 +42,6 @@ class Honest:
 class Peeks(Honest):
     def answer(self):  # looks back from the end of the walk, which it was told one way or another
         return Estimate(np.array([float(self.end_s - self.now_s < 5.0), 0.0]), 0)
-
-
-class Watches(Honest):
-    def answer(self):
-        return Estimate(np.array([time.monotonic() - self.began_s, 0.0]), 0)
 
 
 class Revises(Honest):
@@ -98,7 +89,7 @@ def whole(spec: str, nonce: str = "", walk: int = 0) -> Result:
     return play_in_child(jobs[walk], {}, io.BytesIO())
 
 
-@pytest.mark.parametrize("name", ["Honest", "Revises", "Breaks"])
+@pytest.mark.parametrize("name", ["Revises", "Breaks"])
 def test_a_localizer_that_knows_no_future_answers_beginnings_as_the_whole(file: Path, name: str) -> None:
     result = whole(f"{file}:{name}", nonce="5" * 32)
     assert (result.revised is not None) == (name == "Revises")
@@ -131,54 +122,18 @@ def test_no_limit_of_a_process_tells_how_long_the_walk_is(file: Path) -> None:
     assert (first.estimates.xy_m[0] == second.estimates.xy_m[0]).all()
 
 
-def test_one_that_answers_by_the_clock_is_found(file: Path) -> None:
-    difference = check_prefixes(whole(f"{file}:Watches"), np.random.default_rng(0), num_prefixes=1).difference
-    assert difference is not None
-
-
-def test_held_out_walks_have_beginnings_too(file: Path) -> None:
-    secret = "5" * 64
-    options: dict[str, Any] = {"split": "heldout", "secret": secret, "walks": 1}
-    result = evaluate(f"{file}:Honest", ENV, **options).results[0]
-    assert check_prefixes(result, np.random.default_rng(0), num_prefixes=1, secret=secret).difference is None
-
-
 def test_what_cannot_be_compared_is_an_error(file: Path) -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(ResultError, match="declined"):
         check_prefixes(whole(f"{file}:Declines"), rng)
-    result = whole(f"{file}:Honest")
     changed = file.with_name("changed.py")
     changed.write_text(SOURCE + "# and more")
     with pytest.raises(ResultError, match="sources"):
-        check_prefixes(dataclasses.replace(result, localizer=f"{changed}:Honest"), rng)
-
-
-def test_the_first_difference_is_the_first_answer_that_is_another_or_missing(file: Path) -> None:
-    result = whole(f"{file}:Honest")
-    estimates = result.estimates
-    assert first_difference(estimates, cut(result, 9), 9) is None
-    found = first_difference(estimates, cut(result, 4), 9)
-    assert found is not None
-    assert (found.index, np.isnan(found.prefix).all()) == (4, True)
-    columns = estimates.columns[:, :9].copy()
-    columns[1, 6] += 2e-3
-    other = dataclasses.replace(cut(result, 9), estimates=type(estimates).from_columns(estimates.t_s[:9], columns))
-    found = first_difference(estimates, other, 9)
-    assert found is not None
-    assert found.index == 6
-    failed = first_difference(estimates, dataclasses.replace(cut(result, 9), status="failed", failure="late"), 9)
-    assert failed is not None
-    assert str(failed).endswith("late")
-
-
-def cut(result: Result, length: int) -> Result:
-    estimates = type(result.estimates).from_columns(result.estimates.t_s[:length], result.estimates.columns[:, :length])
-    return dataclasses.replace(result, estimates=estimates, step_s=result.step_s[:length], status=COMPLETE)
+        check_prefixes(dataclasses.replace(whole(f"{file}:Honest"), localizer=f"{changed}:Honest"), rng)
 
 
 def test_a_beginning_is_handed_out_as_the_whole_is_and_ends_earlier() -> None:
-    task = make_task("OfficePhone-v1")
+    task = make_task("OfficeStride-v2")
     episode = Episode(task.load(task.split("train")[0]), task)
     beginning = episode.prefix(7)
     assert (len(beginning), len(episode.fresh())) == (7, len(episode))

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 
-from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.building import Building
 from pdrbench.building.connectivity import reachable_parts
 from pdrbench.episode import Episode, Player, play
 from pdrbench.errors import PdrbenchError, UnknownNameError
@@ -131,15 +129,6 @@ def moved(recording: Recording, motion: Motion) -> Recording:
     )
 
 
-def test_no_motion_gives_the_same_bytes(walk: Recording) -> None:
-    still = moved(walk, Motion())
-    assert still.building == walk.building
-    assert [one.tobytes() for one in arrays_of(still)] == [one.tobytes() for one in arrays_of(walk)]
-    start = start_of(walk)
-    assert Motion().start(start).xy_m.tobytes() == start.xy_m.tobytes()
-    assert Motion().start(start).heading_rad == start.heading_rad
-
-
 @pytest.mark.parametrize("has_attitude", [True, False])
 def test_the_inverse_motion_gives_the_walk_back(walk: Recording, has_attitude: bool) -> None:
     if not has_attitude:
@@ -166,28 +155,8 @@ def test_nothing_changes_that_is_measured_in_the_building(walk: Recording, rng: 
         strict=True,
     ):
         assert (was == now).all()
-    walls = [
-        shapely.multilinestrings(
-            shapely.linestrings(np.stack([one.edge_start_xy_m, one.edge_end_xy_m], axis=1)[one.edge_neighbour == WALL])
-        )
-        for one in (office, there)
-    ]
-    distances_m = [
-        shapely.distance(shapely.points(places), wall)
-        for wall, places in zip(walls, (xy_m, MOTION.places(xy_m)), strict=True)
-    ]
-    np.testing.assert_allclose(distances_m[1], distances_m[0], atol=1e-9)
     steps_m = [np.hypot(*np.diff(one, axis=0).T) for one in (xy_m, MOTION.places(xy_m))]
     np.testing.assert_allclose(steps_m[1], steps_m[0], atol=1e-9)
-
-
-def test_a_wall_below_the_last_digit_is_left_out() -> None:
-    """As a plan has it whose vertices are apart by rounding: 4e-15 m at 20 m are nothing at 220 m."""
-    corners = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 4e-15], [20.0, 9.0], [0.0, 9.0]])
-    plan = Building("", (FloorPolygon("hall", corners, np.full(5, WALL), 0.0, 0),))
-    there = Motion(0.3, (200.0, 100.0)).building(plan)
-    assert len(there.edge_start_xy_m) == 4
-    assert there.area_m2 == pytest.approx(180.0)
 
 
 def test_whoever_takes_y_for_north_is_still_right(walk: Recording) -> None:
@@ -201,11 +170,9 @@ def test_whoever_takes_y_for_north_is_still_right(walk: Recording) -> None:
         assert there.streams[name].rows.tobytes() == walk.streams[name].rows.tobytes()
 
 
-@pytest.mark.parametrize("has_attitude", [True, False])
-def test_the_compass_of_a_phone_turns_with_the_map(walk: Recording, has_attitude: bool) -> None:
+def test_the_compass_of_a_phone_without_attitude_turns_with_the_map(walk: Recording) -> None:
     """The filter of the toolbox takes y for north, and is off by as much as before."""
-    if not has_attitude:
-        walk = replace(walk, streams={name: one for name, one in walk.streams.items() if name != "rotation"})
+    walk = replace(walk, streams={name: one for name, one in walk.streams.items() if name != "rotation"})
     errors = []
     for one in (walk, moved(walk, MOTION)):
         rows = {name: stream.rows for name, stream in one.streams.items()}
@@ -215,13 +182,6 @@ def test_the_compass_of_a_phone_turns_with_the_map(walk: Recording, has_attitude
         errors.append(float(wrap_rad(at_end)))
     assert errors[0] == pytest.approx(0.0, abs=0.1)
     assert errors[1] == pytest.approx(errors[0], abs=0.01)
-
-
-def test_the_field_at_a_foot_stays(walk: Recording) -> None:
-    """Nothing there says where the vertical is, and no start but a heading says where north is."""
-    streams = {name: one for name, one in walk.streams.items() if name != "rotation"}
-    foot = replace(walk, streams=streams, mounting="foot")
-    assert (moved(foot, MOTION).streams["mag"].rows == walk.streams["mag"].rows).all()
 
 
 def test_noise_is_small_and_keeps_what_a_sensor_cannot_read() -> None:
@@ -316,10 +276,6 @@ class Memoriser:
         episodes = [Episode(task.load(walk), task) for walk in task.split("test")]
         self._kept = [(self._key_of(one.briefing, one.observe()), one.recording.reference) for one in episodes]
 
-    def _digest(self, briefing: Briefing, first: Observation) -> FloatArray:
-        rows = b"".join(first[name].tobytes() for name in briefing.sensors)
-        return np.frombuffer(hashlib.sha256(rows).digest(), dtype=np.uint8).astype(float)
-
     def _start(self, briefing: Briefing, first: Observation) -> FloatArray:
         assert briefing.start is not None
         return briefing.start.xy_m
@@ -349,31 +305,12 @@ def mean_errors_m(localizer: Player, task: Task, walks: tuple[str, ...]) -> list
     return sorted(errors)
 
 
-@pytest.mark.parametrize("key", ["digest", "start", "scan"])
+@pytest.mark.parametrize("key", ["start", "scan"])
 def test_a_memoriser_collapses(task: Task, key: str) -> None:
     held_out = replayed(task, SECRET)
     memoriser = Memoriser(task, key)
     assert max(mean_errors_m(memoriser, task, WALKS)) < 1e-9
     assert min(mean_errors_m(memoriser, held_out, held_out.split(HELD_OUT))) > 30.0
-
-
-class RegisteringMemoriser(Memoriser):
-    """Knows a walk by the lengths of the force, and moves the stored truth to where the start is."""
-
-    def _force(self, briefing: Briefing, first: Observation) -> FloatArray:
-        return np.linalg.norm(first["accel"][:, 1:], axis=1)
-
-    def step(self, observation: Observation) -> Estimate:
-        answer, start, stored = super().step(observation), self._briefing.start, self._found
-        assert start is not None and start.heading_rad is not None and stored.heading_rad is not None
-        turn = Motion(start.heading_rad - float(stored.heading_rad[0]))
-        return Estimate(start.xy_m + turn.places(answer.xy_m - stored.xy_m[0]), 0)
-
-
-def test_a_memoriser_that_registers_the_motion_is_not_stopped(task: Task) -> None:
-    """As the threat model says; a mechanism that stops it has to change both."""
-    held_out = replayed(task, SECRET)
-    assert max(mean_errors_m(RegisteringMemoriser(task, "force"), held_out, held_out.split(HELD_OUT))) < 1e-6
 
 
 def test_an_honest_localizer_scores_alike(task: Task) -> None:

@@ -61,18 +61,6 @@ def test_everything_is_run_again_and_with_a_second_nonce(
     assert "seccomp" in entry.isolation_modes[0], "strangers' code is confined"
 
 
-def test_a_changed_walk_is_refused_by_name(packed: dict[str, Bundle], terms: MakeTerms) -> None:
-    (one,) = verify(tampered(packed["Wanders"], run=3, change_m=0.5), terms())
-    walk = packed["Wanders"].manifest.environments[0].walks[3]
-    assert any(f"walk {walk.walk}, seed 1" in what for what in one.differences)
-    assert one.record is None and one.entry.tier == "self-reported"
-
-
-def test_differences_below_what_is_measured_refuse_nothing(packed: dict[str, Bundle], terms: MakeTerms) -> None:
-    (one,) = verify(tampered(packed["Wanders"], run=3, change_m=2e-4), terms())
-    assert one.differences == ()
-
-
 def one_seed_of(bundle: Bundle) -> Bundle:
     """A bundle that says its localizer draws nothing: the luckiest of its seeds."""
     (record,), (entry,) = bundle.manifest.environments, bundle.entries()
@@ -158,16 +146,14 @@ def test_leaderboards_of_a_suite_have_rounds_of_their_own(small_suite: Suite) ->
         suite.secret_of(second.env, (SECRET,))
 
 
-@pytest.mark.parametrize("name", ["Unsteady", "UnsteadyElsewhere"])
-def test_answers_that_change_from_run_to_run_are_found(
-    small_suite: Suite, submitted: Path, terms: MakeTerms, name: str
+def test_answers_that_change_from_run_to_run_on_unseen_walks_are_found(
+    small_suite: Suite, submitted: Path, terms: MakeTerms
 ) -> None:
-    spec = f"{submitted}:{name}"
+    spec = f"{submitted}:UnsteadyElsewhere"
     suite_run = play_suite([spec], small_suite, seeds=1, envs=["Toy-v1"], nonce=NONCE, isolation="none")[spec]
     bundle = make_bundle(spec, card_named("unsteady"), small_suite, suite_run, seeds=1)
     (one,) = verify(bundle, terms(secrets=(SECRET,)))
-    unseen = ["not the same twice" in what for what in one.differences]
-    assert any(unseen) and all(unseen) == (name == "UnsteadyElsewhere")
+    assert one.differences and all("not the same twice" in what for what in one.differences)
     assert not any("heldout" in what for what in one.differences), "names of held-out walks are secret"
 
 

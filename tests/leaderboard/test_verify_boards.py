@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 from typer.testing import CliRunner
 
 from pdrbench.errors import PdrbenchError
 from pdrbench_leaderboard import collection, leaderboard_command, signing
 from pdrbench_leaderboard.bundle import Bundle
-from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.collection import verify_boards
 from pdrbench_leaderboard.entry import read_entry, write_entry
 from pdrbench_leaderboard.pack import make_bundle, play_suite
@@ -82,19 +78,6 @@ def test_what_a_revoked_key_has_signed_is_verified_anew(
     assert code == 0 and rows[str(PLACE)]["tier"] == "verified" and read_entry(board / PLACE).tier == "verified"
 
 
-def test_two_entries_of_one_localizer_are_both_verified(
-    stays: Bundle, board: Path, options: tuple[object, ...]
-) -> None:
-    card = card_named("also-v0")
-    manifest = msgspec.structs.replace(
-        stays.manifest, localizer="also-v0", card_sha256=hashlib.sha256(card_toml(card)).hexdigest()
-    )
-    for bundle in (stays, dataclasses.replace(stays, card=card, manifest=manifest)):
-        write_entry(board, bundle.entries()[0])
-    code, rows = run(*options)
-    assert code == 0 and {row["tier"] for row in rows.values()} == {"verified"} and len(rows) == 2
-
-
 def test_an_error_is_that_of_its_environment(
     stays: Bundle, board: Path, options: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,18 +97,6 @@ def test_an_entry_that_differs_is_refused_and_stays_as_it_is(
     walk = stays.manifest.environments[0].walks[1].walk
     assert code == 1 and f"walk {walk}, seed 0: " in rows[str(PLACE)]["why"]
     assert read_entry(board / PLACE).tier == "self-reported"
-
-
-def test_a_folder_of_another_suite_or_environment_is_left_alone(
-    stays: Bundle, board: Path, options: tuple[object, ...]
-) -> None:
-    (entry,) = stays.entries()
-    manifest = msgspec.structs.replace(entry.manifest, suite="pdr-core-v3")
-    write_entry(board, entry)
-    assert run(*options, "--env", "ToyDeaf-v1") == (0, {})
-    (board / PLACE / "submission.json").write_bytes(msgspec.json.encode(manifest))
-    code, rows = run(*options)
-    assert code == 1 and "no environment in pdr-core-v3" in rows[str(PLACE)]["why"]
 
 
 def test_a_key_that_nobody_lists_and_a_secret_of_no_suite_are_errors(
