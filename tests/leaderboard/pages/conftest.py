@@ -14,7 +14,6 @@ import pytest
 
 from pdrbench.building import Building
 from pdrbench.evaluation import Results
-from pdrbench.evaluation.scoring import Scored
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
@@ -23,7 +22,8 @@ from pdrbench_leaderboard import collection
 from pdrbench_leaderboard.card import Card
 from pdrbench_leaderboard.entry import Entry
 from pdrbench_leaderboard.held_out import LOOP_RANKING
-from pdrbench_leaderboard.ranking import RANKING, Board, Standing, make_board
+from pdrbench_leaderboard.ranking import RANKING, Board, make_board
+from pdrbench_leaderboard.site import write_site
 from pdrbench_leaderboard.verification import HeldOut, Verification
 from pdrbench_sim.buildings.office import make_office
 
@@ -209,36 +209,21 @@ def scored_five(office: Building) -> tuple[World, Board]:
         return world, board
 
 
+@pytest.fixture(scope="session")
+def built(scored_five: tuple[World, Board], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site of that board, to be read and not to be changed."""
+    root = tmp_path_factory.mktemp("site")
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        enter(scored_five[0], monkeypatch)
+        write_site([scored_five[1]], root)
+    return root
+
+
 @pytest.fixture
 def five(scored_five: tuple[World, Board], monkeypatch: pytest.MonkeyPatch) -> Board:
     """That board, in its world."""
     enter(scored_five[0], monkeypatch)
     return scored_five[1]
-
-
-def made_up_board(world: World, count: int) -> Board:
-    """A board of many entries whose numbers were never scored: for the page alone."""
-    rng = np.random.default_rng(1)
-    unscored, standings = Scored({}, "", "", np.zeros(0), np.zeros(0)), []
-    for index in range(count):
-        value = 1.0 + 0.01 * index
-        entry = {"value": value, "unit": "m", "low": 0.9 * value, "high": 1.1 * value, "n": len(WALKS)}
-        row = {"division": ONLINE, "failed": 0, "unsuitable": 0, "walks": len(WALKS), "seeds": 1}
-        row["metrics"] = dict.fromkeys(("p75_level_penalised_m", "mean_m", "p95_m", "level_hit_rate"), entry)
-        made = world.entry(
-            f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),), tier="self-reported"
-        )
-        standings.append(Standing(made, row, (unscored,), entry, entry, index + 1))
-    values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
-    return Board(
-        world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS), WALKS, (*range(12),)
-    )
-
-
-@pytest.fixture
-def make_many() -> Any:
-    """Makes a board of many made-up entries."""
-    return made_up_board
 
 
 class Folder:

@@ -22,26 +22,16 @@ NAMELESS = """[...document.querySelectorAll('button, a, select, input, [role=reg
     .filter(e => !(e.textContent.trim() || e.getAttribute('aria-label') || (e.labels && e.labels.length)))
     .map(e => e.outerHTML)"""
 LOOSE_TABLES = "[...document.querySelectorAll('table')].filter(table => !table.closest('.scroll')).length"
-SORTING_MS = """(() => {
-    const begin = performance.now();
-    document.querySelector('#board thead th:nth-child(3) button').click();
-    document.body.offsetHeight;
-    return performance.now() - begin;
-})()"""
 CHOOSE = """(() => {
     const field = document.querySelector(%s);
     field.value = %s;
     for (const kind of ['input', 'change']) field.dispatchEvent(new Event(kind, {bubbles: true}));
 })()"""
-FIRST_PAINT = "performance.getEntriesByName('first-contentful-paint').map(entry => entry.startTime)[0]"
-FIRST_PAINT_MS = 1000.0
-MANY = 1000
 
 
 @pytest.fixture
-def site(five: Any, tmp_path: Path) -> Path:
-    write_site([five], tmp_path)
-    return tmp_path / "Corridor-v0"
+def site(built: Path) -> Path:
+    return built / "Corridor-v0"
 
 
 @pytest.fixture(autouse=True)
@@ -183,38 +173,6 @@ def test_a_walk_is_replayed_on_every_level(browser: Any, site: Path) -> None:
     assert browser.run(length) == pytest.approx(9.0, abs=1e-3)  # up to the change of level
 
 
-def test_a_moment_has_an_address(browser: Any, site: Path) -> None:
-    page = site / "entries" / "near.html"
-    browser.open(page, "#walk=walk-03&t=12.5&with=far&with=nobody-v0")
-    browser.wait("document.querySelectorAll('#replay-key .key').length === 3")
-    assert browser.run("[document.getElementById('replay-walk').value, Number(scrubber.value)]") == ["walk-03", 12.5]
-    told = browser.run("document.getElementById('told').textContent")
-    assert told.startswith("13 s · near: estimate on level 1 · about 0.9") and "far: estimate on level 1" in told
-    browser.run("(() => { scrubber.value = 4; scrubber.dispatchEvent(new Event('input', {bubbles: true})); })()")
-    assert browser.run("location.hash") == "#walk=walk-03&t=4.0&with=far"
-    assert browser.run("document.getElementById('replay-link').getAttribute('href')") == browser.run("location.hash")
-    browser.open(page)
-    browser.run("document.getElementById('replay').scrollIntoView()")
-    browser.wait("document.querySelectorAll('#replay .level').length === 2")
-    assert browser.run("location.hash") == ""  # whoever only looks keeps the plain address
-
-
-def test_several_entries_are_replayed_side_by_side(browser: Any, site: Path) -> None:
-    browser.open(site / "entries" / "near.html")
-    browser.run("document.getElementById('replay').scrollIntoView()")
-    browser.wait("document.querySelectorAll('#replay .level').length === 2")
-    for count, slug in enumerate(("far", "smooth"), start=2):
-        choose(browser, "#replay-with", slug)
-        browser.wait(f"document.querySelectorAll('#replay-key .swatch').length === {count + 1}")
-    colours = "[...new Set([...document.querySelectorAll('.trail')].map(t => getComputedStyle(t).stroke))].length"
-    assert browser.run(colours) == 4  # three estimates, and where the walker was
-    offered = "[...document.querySelectorAll('#replay-with option')].map(o => o.value)"
-    assert browser.run(offered) == ["", "alike", "choosy"]
-    browser.click("#replay-key .away")
-    browser.wait("document.querySelectorAll('#replay-key .swatch').length === 3")
-    assert "far" in browser.run(offered) and "smooth" not in browser.run(offered)
-
-
 def test_the_index_is_searched(browser: Any, site: Path) -> None:
     browser.open((site / "../index.html").resolve())
     found = "[...document.querySelectorAll('[data-search]')].filter(e => !e.hidden)"
@@ -225,16 +183,6 @@ def test_the_index_is_searched(browser: Any, site: Path) -> None:
     assert browser.run("count.textContent") == "1 environment, 1 localizer"
     choose(browser, "#text", "nothing")
     assert browser.run(shown) == []
-
-
-def test_the_replay_moves_once_a_second_where_little_motion_is_wanted(browser: Any, site: Path) -> None:
-    browser.media(prefers_reduced_motion="reduce")
-    browser.open(site / "entries" / "near.html")
-    browser.run("document.getElementById('replay').scrollIntoView()")
-    browser.wait("document.getElementById('play')")
-    browser.run("(() => { scrubber.value = 0; scrubber.dispatchEvent(new Event('input')); play.click(); })()")
-    assert browser.run("new Promise(r => setTimeout(() => r(Number(scrubber.value)), 500))") == 0
-    browser.wait("Number(scrubber.value) > 10")
 
 
 def test_light_and_dark_by_the_system_and_by_the_switch(browser: Any, site: Path) -> None:
@@ -297,10 +245,3 @@ def test_a_hostile_card_runs_nothing(browser: Any, world: Any, tmp_path: Path) -
             browser.wait("document.querySelector('#cdf svg')")
         assert browser.run("window.hit === undefined && document.querySelectorAll('img').length === 0")
     assert browser.run("document.body.textContent.includes('<script>window.hit=1')")
-
-
-def test_missing_numbers_are_marked(browser: Any, site: Path) -> None:
-    (site / "entries" / "near.js").unlink()
-    browser.open(site / "entries" / "near.html")
-    browser.wait("document.getElementById('cdf').textContent.includes('near.js is not there')")
-    browser.open(site / "index.html")  # leaves the complaint of the browser behind

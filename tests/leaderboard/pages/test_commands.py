@@ -55,11 +55,6 @@ def test_build_prints_as_json_what_it_wrote_and_what_it_left_out(
     assert "left out Corridor-v0: ilc20 is missing" in capfd.readouterr().err
 
 
-def test_mistakes_are_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert run("serve", tmp_path) == 1
-    assert "`pdrbench leaderboard build --out" in capfd.readouterr().err
-
-
 def test_without_entries_there_is_a_page_that_says_so(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     site = tmp_path / "site"
     assert run("build", "--root", tmp_path, "--out", site) == 0

@@ -31,17 +31,6 @@ def test_ranks_each_division_by_value_without_entries_that_chose_their_walks(fiv
     assert five.metric == RANKING and len(five.walks) == 12
 
 
-def test_a_wrong_level_is_penalised_as_in_the_metric(world: Any) -> None:
-    results = []
-    for walk in world.task.walks["test"]:
-        result = world.result("one-v0", walk, 1.0)
-        wrong = dataclasses.replace(result.estimates, level=result.estimates.level + 2)
-        results.append(dataclasses.replace(result, estimates=wrong))
-    board = world.board(world.entry("one-v0", [], results=tuple(results)), world.entry("two-v0", [30.9] * 12))
-    assert board.standings[0].metric(RANKING)["value"] == pytest.approx(30.9)
-    assert board.standings[1].metric(RANKING)["value"] == pytest.approx(1 + 2 * 15)
-
-
 def test_equal_values_have_equal_ranks_and_the_next_one_is_skipped(world: Any) -> None:
     values = {"d": 3.0, "c": 2.0, "b": 2.0, "a": 1.0}
     board = world.board(*(world.entry(name, [value] * 12) for name, value in values.items()))
@@ -72,10 +61,6 @@ def test_only_significant_differences_put_an_entry_ahead(five: Board) -> None:
     pair = five.pair("alike", "far")
     assert pair is not None and pair.first == "far" and pair.p_holm > 0.05
     assert five.pair("near", "choosy") is None
-
-
-def test_the_better_one_comes_first_in_every_pair(five: Board) -> None:
-    assert all(pair.effect <= 0 for pair in five.pairs.values())
 
 
 def test_seeds_are_averaged_within_walks(world: Any) -> None:
@@ -145,18 +130,14 @@ def test_the_held_out_score_ranks_and_the_public_one_does_not(world: Any) -> Non
     assert board.beaten_by("honest") == ("knows-v0",)
 
 
-@pytest.mark.parametrize(
-    ("tier", "why"),
-    [
-        ("self-reported", "self-reported, and only held-out walks rank"),
-        ("spot-checked", "spot-checked, and only held-out walks rank"),
-        ("reproduced", "reproduced, and only held-out walks rank"),
-    ],
-)
-def test_nothing_but_verified_entries_is_ranked(world: Any, tier: str, why: str) -> None:
-    board = world.board(world.entry("one-v0", [0.1] * 12, tier=tier), world.entry("two-v0", [5.0] * 12))
-    assert places(board) == [("1", "two-v0"), ("–", "one-v0")]
-    assert board.standings[1].why_unranked == why
+def test_nothing_but_verified_entries_is_ranked(world: Any) -> None:
+    tiers = ("self-reported", "spot-checked", "reproduced")
+    better = [world.entry(tier, [0.1] * 12, tier=tier) for tier in tiers]
+    board = world.board(*better, world.entry("two-v0", [5.0] * 12))
+    assert places(board)[0] == ("1", "two-v0") and {label for label, _ in places(board)[1:]} == {"–"}
+    assert {standing.name: standing.why_unranked for standing in board.standings[1:]} == {
+        tier: f"{tier}, and only held-out walks rank" for tier in tiers
+    }
 
 
 def test_held_out_walks_of_another_round_or_number_do_not_rank(world: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pdrbench.errors import BundleError, DatasetError
+from pdrbench.errors import BundleError
 from pdrbench.task import no_survey
 from pdrbench_leaderboard import collection, table
 from pdrbench_leaderboard.plausibility import Finding
@@ -69,21 +69,6 @@ def test_sensors_missing_in_an_environment_are_not_used_there(make_world: Any) -
     assert row[-3:] == ["stride", "no", "no"]
 
 
-def test_runs_of_ranks_are_joined(world: Any) -> None:
-    board = world.board(*(world.entry(f"e{i}-v0", [1.0 + i] * 12) for i in range(6)))
-    names = [f"e{i}-v0" for i in (0, 2, 3, 4, 5)]
-    assert table.labels(board, names) == ["1", "3–6"]
-
-
-def test_built_tables_pass_and_a_changed_score_is_named(folder: Any) -> None:
-    boards, _ = collection.read_boards(folder.root)
-    assert collection.write_tables(boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
-    assert folder.check() == {}
-    path = folder.root / "Corridor-v0" / "TABLE.md"
-    path.write_text(path.read_text().replace("2.00", "1.00"))
-    assert "`far` is not what the estimates give" in folder.check()["Corridor-v0/TABLE.md"]
-
-
 def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Any, world: Any) -> None:
     collection.write_tables(collection.read_boards(folder.root)[0], folder.root)
     folder.entries["Corridor-v0/far"] = world.entry("far", [2.0] * 11 + [2.5])
@@ -112,11 +97,3 @@ def test_a_broken_rule_fails_and_a_flag_does_not(folder: Any, monkeypatch: pytes
     assert folder.check() == {"Corridor-v0/far": "every walk and seed: lacks walk-03"}
     del found["far"][1]
     assert folder.check() == {}
-
-
-def test_without_the_recordings_nothing_fails_and_a_note_says_so(folder: Any) -> None:
-    for name in folder.entries:
-        folder.entries[name] = DatasetError("ilc20 is missing")
-    assert folder.check() == {}
-    assert {check.why for check in collection.check_boards(folder.root)} >= {"not scored: ilc20 is missing"}
-    assert collection.read_boards(folder.root)[1] == {"Corridor-v0": "ilc20 is missing"}
