@@ -148,18 +148,3 @@ def test_the_nearest_part_of_the_tree_that_is_ours_holds_the_groups(
     group.close()
     group.close()
     assert not folder.exists()
-
-
-def test_where_no_group_can_be_made_the_reason_is_given(tmp_path: Path) -> None:
-    root = tmp_path / "groups"
-    mounts, own = tree(root)
-    for path in root.rglob("cgroup.subtree_control"):
-        path.write_text("")
-    with pytest.raises(OSError, match="no part of the tree of control groups is left to this user"):
-        find_place(mounts, own)
-    (root / "user.slice/app.slice/shell.scope/cgroup.controllers").write_text("cpu\n")
-    with pytest.raises(OSError, match="do not count memory here"):
-        find_place(mounts, own)
-    mounts.write_text("25 1 0:22 / /sys rw - sysfs sysfs rw\n")
-    with pytest.raises(OSError, match="no control groups of version 2"):
-        find_place(mounts, own)

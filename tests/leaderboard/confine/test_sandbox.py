@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import errno
 import os
@@ -19,7 +18,7 @@ import pytest
 from pdrbench.registry import PluginError, localizers
 from pdrbench_leaderboard.confine import seccomp
 from pdrbench_leaderboard.confine.boot import ProtectionRecord
-from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach, mode
+from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach
 from pdrbench_leaderboard.confine.landlock import Ruleset, version
 from pdrbench_leaderboard.confine.read_permissions import environment_packages, hidden_places, permissions_of
 
@@ -266,29 +265,6 @@ def test_limits_are_set_for_good_and_only_the_pipes_stay_open() -> None:
     in_fork(act)
 
 
-def test_a_refused_protection_is_recorded_with_its_reason() -> None:
-    record = ProtectionRecord()
-    record.attempt(["one"], lambda: None)
-    record.attempt(["two", "three"], lambda: (_ for _ in ()).throw(PermissionError(1, "Operation not permitted")))
-    record.attempt(["four"], lambda: (_ for _ in ()).throw(AttributeError("unshare")))
-    assert record.held == ["one"]
-    assert record.missing == dict.fromkeys(("two", "three"), "Operation not permitted") | {"four": "not on this system"}
-
-
-@pytest.mark.parametrize(
-    ("held", "word"),
-    [
-        (["landlock-files", "namespace-net", "seccomp", "limit-core"], "landlock+namespaces+seccomp"),
-        (["seccomp", "limit-core"], "seccomp"),
-        (["limit-core", "process-group"], "process"),
-    ],
-)
-def test_the_mode_of_a_record_names_its_protections(held: list[str], word: str) -> None:
-    record = ProtectionRecord()
-    record.held = held
-    assert mode(record) == word
-
-
 def covers(readable: tuple[str, ...], path: Path) -> bool:
     place = os.path.realpath(path)
     return any(place == root or place.startswith(f"{root}{os.sep}") for root in readable)
@@ -324,26 +300,6 @@ def test_no_environment_and_no_data_is_readable(monkeypatch: pytest.MonkeyPatch,
     assert (allowed.is_builtin, allowed.writable) == (False, ())
 
 
-def test_libraries_that_wheels_install_beside_a_package_are_readable(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """By `pip install --user`, by `--target`, or in a folder of packages that is on PYTHONPATH."""
-    file = tmp_path / "mine.py"
-    file.write_text("")
-    target, user = tmp_path / "target", tmp_path / "user" / "site-packages"
-    for folder in (target, user):
-        for name in ("package", "package.libs", "package-1.dist-info", "secrets"):
-            (folder / name).mkdir(parents=True)
-        (folder / "package" / "__init__.py").touch()
-        monkeypatch.syspath_prepend(str(folder))
-    allowed = permissions_of(str(file), f"{file}:Mine")
-    for folder in (target, user):
-        for name in ("package", "package.libs", "package-1.dist-info"):
-            assert covers(allowed.readable, folder / name), name
-    assert not covers(allowed.readable, target / "secrets")
-    assert not covers(allowed.readable, user.parent)
-
-
 def test_only_builtin_localizers_may_cache_compiled_code() -> None:
     ours = permissions_of("stay", localizers()["stay"].target)
     assert ours.is_builtin and ours.writable
@@ -352,21 +308,3 @@ def test_only_builtin_localizers_may_cache_compiled_code() -> None:
 def test_a_localizer_in_a_package_with_environments_is_refused() -> None:
     with pytest.raises(PluginError, match="'pdrbench_envs' registers environments"):
         permissions_of("pdrbench_envs.x:Y", "pdrbench_envs.x:Y")
-
-
-@linux_only
-def test_the_recorded_protections_of_this_system_are_complete() -> None:
-    """On a kernel with every protection; elsewhere the record says which are missing."""
-    from pdrbench.evaluation import evaluate
-
-    results = evaluate("stay", "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="confined").results
-    provenance = results[0].provenance
-    isolation = provenance["isolation"]
-    assert isinstance(isolation, dict)
-    names = {*isolation["held"], *isolation["missing"]}
-    assert {"landlock-files", "seccomp", "namespace-user", "no-new-privileges", "process-group"} <= names
-    assert all(isinstance(why, str) and why for why in isolation["missing"].values())
-    with contextlib.suppress(OSError):
-        assert version() > 0
-        assert "landlock-files" in isolation["held"]
-    assert provenance["peak_mb"] > 10  # type: ignore[operator]

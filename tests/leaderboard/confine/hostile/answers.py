@@ -12,16 +12,11 @@ define(
     Honest,
     "step",
     {
-        "Constant": lambda self, observation: Estimate(np.zeros(2), 0),
         "NotFinite": lambda self, observation: Estimate(np.array([np.nan, np.inf]), 0),
         "SaysNothing": lambda self, observation: None,
         "WrongShape": lambda self, observation: Estimate(np.zeros((3, 7)), 0),
-        "Teleports": lambda self, _: Estimate(self.rng.uniform(-1e6, 1e6, 2), int(self.rng.integers(-50, 50))),
-        "SigmaZero": lambda self, observation: Estimate(Honest.step(self, observation).xy_m, 0, sigma_m=0.0),
-        "SigmaHuge": lambda self, observation: Estimate(Honest.step(self, observation).xy_m, 0, sigma_m=1e9),
     },
 )
-define(globals(), Honest, "misbehave", {"HugeArray": lambda self: Estimate(np.zeros(1_000_000), 0)})
 
 
 class OddTypes(Honest):
@@ -32,14 +27,6 @@ class OddTypes(Honest):
         object.__setattr__(odd, "level", {"a": [object()] * 3})
         object.__setattr__(odd, "sigma_m", "wide")
         return odd
-
-
-class Echo(Honest):
-    """Repeats the answer before, whatever is observed."""
-
-    def misbehave(self) -> object:
-        self.step = lambda observation: Estimate(np.array([self.x_m, 0.0]), 0)  # type: ignore[method-assign]
-        return None
 
 
 class Extremes(Honest):

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from hostile.common import MEBIBYTE, Honest
-from hostile.targets import TARGETS
 from pdrbench.localizer import Estimate
 
 MAX_FORKS, MAX_THREADS, MAX_FILES = 300, 3_000, 20_000
@@ -43,14 +42,6 @@ class ThreadBomb(Honest):
         return Estimate(np.array([float(started), 0.0]), 0)
 
 
-class DiskFiller(Honest):
-    """One file as large as may be."""
-
-    def misbehave(self) -> object:
-        written = fill(Path(tempfile.gettempdir()) / "large", MAX_BYTES)
-        return Estimate(np.array([float(written), 0.0]), 0)
-
-
 class DiskFillerOfManyFiles(Honest):
     def misbehave(self) -> object:
         written = 0
@@ -79,21 +70,6 @@ class DeepFolders(Honest):
             with contextlib.suppress(OSError):
                 os.mkdir("a-long-name")  # noqa: PTH102
                 os.chdir("a-long-name")
-        return None
-
-
-class PlantsLinks(Honest):
-    """Links from its scratch folder to the results, and folders without permissions."""
-
-    def misbehave(self) -> object:
-        scratch = Path(tempfile.gettempdir())
-        with contextlib.suppress(OSError):
-            (scratch / "results").symlink_to(TARGETS["results"])
-            (scratch / "data").symlink_to(TARGETS["data_file"])
-            (scratch / "locked").mkdir(mode=0)
-            (scratch / "open").mkdir()
-            (scratch / "open" / "results").symlink_to(TARGETS["results"])
-            (scratch / "open" / "locked").mkdir(mode=0)
         return None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import signal
 
@@ -15,13 +14,10 @@ define(
     Honest,
     "misbehave",
     {
-        "ExitsHard": lambda self: os._exit(7),
         "ExitsAsIfNothing": lambda self: os._exit(0),
-        "SegmentationFault": lambda self: ctypes.string_at(0),
         "RaisesWithoutEnd": lambda self: fail(ValueError("x" * (16 * MEBIBYTE))),
         "Declines": lambda self: fail(UnsuitableError("this walk is too hard")),
         "Colours": lambda self: fail(ValueError("\x1b[2J\x1b]0;owned\x07 \x9b31m gone")),  # would clear the terminal
-        "ClosesEverything": lambda self: os.closerange(0, 256),
     },
 )
 

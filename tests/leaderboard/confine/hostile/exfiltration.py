@@ -6,7 +6,6 @@ import fcntl
 import functools
 import os
 import resource
-import socket
 import struct
 import subprocess
 import sys
@@ -16,45 +15,8 @@ from pathlib import Path
 from hostile.common import ALWAYS, CALLS, FILES, READ_ONLY, Attempt, Probe, can_open, is_let_in
 from hostile.targets import TARGETS
 
-OWN_FILES = {  # by what can be written there; the name stands in logs of the kernel and in lists of processes
-    "comm": b"(3, 4)",
-    "oom_score_adj": b"999",
-    "timerslack_ns": b"50001",
-    "coredump_filter": b"0x33",
-    "autogroup": b"3",
-    "clear_refs": b"1",
-    "loginuid": b"4294967295",
-    "attr/current": b"note",
-    "mem": b"",
-    "sched": b"0",
-}
 TERMINALS = ("/dev/ptmx", "/dev/tty", "/dev/console", "/dev/tty0", "/dev/ttyS0", "/dev/pts/ptmx", "/dev/pts/0")
 DEVICES = ("/dev/kmsg", "/dev/log", "/dev/fuse", "/dev/net/tun", "/dev/vsock", "/dev/vhost-vsock", "/dev/snd/seq")
-
-
-class OtherFamilies(Probe):
-    """Sockets of families that no rule on the network names."""
-
-    def attempts(self) -> dict[str, Attempt]:
-        families = {
-            "netlink": (socket.AF_NETLINK, socket.SOCK_RAW, 0),
-            "kernel-events": (socket.AF_NETLINK, socket.SOCK_DGRAM, 15),
-            "vsock": (socket.AF_VSOCK, socket.SOCK_STREAM, 0),
-            "cipher": (38, socket.SOCK_SEQPACKET, 0),
-            "packet": (socket.AF_PACKET, socket.SOCK_RAW, 0),
-            "raw": (socket.AF_INET, socket.SOCK_RAW, 1),
-            "ping": (socket.AF_INET, socket.SOCK_DGRAM, 1),
-            "six": (socket.AF_INET6, socket.SOCK_DGRAM, 0),
-            "bluetooth": (31, socket.SOCK_RAW, 1),
-            "key": (15, socket.SOCK_RAW, 2),
-        }
-        found: dict[str, Attempt] = {name: (functools.partial(self.opens, *of), CALLS) for name, of in families.items()}
-        found["looks-up"] = (lambda: socket.getaddrinfo("pdrbench.invalid", 80), CALLS)
-        return found
-
-    def opens(self, family: int, kind: int, protocol: int) -> bool:
-        socket.socket(family, kind, protocol).close()
-        return True
 
 
 class Terminals(Probe):
@@ -71,20 +33,6 @@ class Terminals(Probe):
 
     def types(self, handle: int) -> bool:
         return fcntl.ioctl(handle, termios.TIOCSTI, b"x") is not None
-
-
-class OwnFiles(Probe):
-    """What a process may say of itself, for others to read."""
-
-    def attempts(self) -> dict[str, Attempt]:
-        return {name: (functools.partial(self.write, name, text), FILES) for name, text in OWN_FILES.items()}
-
-    def write(self, name: str, text: bytes) -> bool:
-        handle = os.open(f"/proc/self/{name}", os.O_WRONLY)
-        try:
-            return os.write(handle, text) >= 0
-        finally:
-            os.close(handle)
 
 
 class Programs(Probe):

@@ -78,7 +78,6 @@ define(
     "bytes",
     {
         "Twice": lambda self, number: [reply_to(number)],
-        "Ahead": lambda self, number: [reply_to(number) + reply_to(number + 1)],  # and the observation to come
     },
 )
 define(
@@ -87,10 +86,7 @@ define(
     "bytes",
     {
         "WrongStep": lambda self, number: [reply_to(number + 1)],
-        "WrongKind": lambda self, number: [bytes(messages.frame(messages.Done(number)))],
         "NotSixNumbers": lambda self, number: [framed(msgspec.msgpack.encode(["answer", number, [0.0, 0.0, 0.0]]))],
-        "DeepNesting": lambda self, number: [framed(b"\x91" * 60_000)],
         "NoMessage": lambda self, number: [framed(bytes(range(100, 200)))],
-        "HalfReply": lambda self, number: [reply_to(number)[:10]],  # announces more than comes
     },
 )

@@ -1,18 +1,15 @@
-"""Notes for a later walk or another localizer: files, numbers that the system counts up, objects that all share."""
+"""Notes for a later walk or another localizer: files, numbers that the system counts up, what a process inherits."""
 
 from __future__ import annotations
 
 import builtins
 import contextlib
 import ctypes
-import fcntl
 import functools
 import gc
-import mmap
 import os
 import resource
 import signal
-import struct
 import sys
 import threading
 import time
@@ -21,16 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hostile.common import ALONE, ALWAYS, CALLS, FILES, READ_ONLY, Attempt, Probe, can_open, is_let_in, libc
+from hostile.common import ALONE, ALWAYS, CALLS, FILES, Attempt, Probe, can_open, is_let_in, libc
 
 PLACES = (".", "~", "/tmp", "/var/tmp", "/dev/shm")
 MADV_PAGEOUT, FADV_DONTNEED, RWF_NOWAIT, MADV_MERGEABLE, MADV_COLLAPSE = 21, 4, 8, 12, 25
-FUTEX_WAKE, FUTEX_WAIT_SHARED = 1, 0
-FS_IOC_GETFLAGS, FS_IOC_SETFLAGS = 0x80086601, 0x40086602
-F_OFD_SETLK, F_ADD_SEALS, F_SETPIPE_SZ = 37, 1033, 1031
 PR_SET_NAME, PR_GET_NAME = 15, 16
 MANY = 64  # numbers that a first process, or a first file, is not given
-DAY_S = 86_400.0
 
 
 class Remembers(Probe):
@@ -92,19 +85,6 @@ class Counts(Probe):
             return is_let_in(call, file.fileno(), *arguments)
 
 
-class MemoryNumbers(Probe):
-    """Shared memory without a file has a number that the machine counts up, and that a map of the process shows."""
-
-    def attempts(self) -> dict[str, Attempt]:
-        return {"shared": (self.number, CALLS), "of-zeros": (lambda: can_open("/dev/zero", os.O_RDWR), FILES)}
-
-    def number(self) -> int:
-        with mmap.mmap(-1, mmap.PAGESIZE) as block:
-            block[0] = 1
-            lines = Path("/proc/self/maps").read_text().splitlines()
-            return max(int(line.split()[4]) for line in lines if "/dev/zero" in line)
-
-
 class PagesInMemory(Probe):
     """Whether a page of an installed file was in memory before, said by the kernel and not by a clock."""
 
@@ -128,107 +108,6 @@ class PagesInMemory(Probe):
 
     def page(self) -> ctypes.c_void_p:
         return ctypes.c_void_p(ctypes.cast(libc().malloc, ctypes.c_void_p).value & ~4095)  # type: ignore[operator]
-
-
-class Locks(Probe):
-    """What one process does to a file that it may only read, and another one finds."""
-
-    def attempts(self) -> dict[str, Attempt]:
-        lock = struct.pack("hhqqi", fcntl.F_RDLCK, os.SEEK_SET, 0, 1, 0)
-        return {
-            "lock": (lambda: self.with_file(fcntl.F_SETLK, lock), CALLS),
-            "who-locks": (lambda: self.with_file(fcntl.F_GETLK, lock), CALLS),
-            "lock-of-description": (lambda: self.with_file(F_OFD_SETLK, lock), CALLS),
-            "flock": (lambda: fcntl.flock(os.open(np.__file__, os.O_RDONLY), fcntl.LOCK_SH) is None, CALLS),
-            "lease": (lambda: self.with_file(fcntl.F_SETLEASE, fcntl.F_RDLCK) == 0, CALLS),
-            "watch": (lambda: self.with_folder(fcntl.F_NOTIFY, fcntl.DN_ACCESS) == 0, CALLS),
-            "wake-up": (self.wakes, CALLS),
-            "flags": (lambda: self.flags(FS_IOC_GETFLAGS), CALLS),
-            "sets-flags": (lambda: self.flags(FS_IOC_SETFLAGS), CALLS | READ_ONLY),
-            "link": (lambda: os.link(np.__file__, "linked") is None, CALLS | FILES | READ_ONLY),
-            "attribute": (lambda: os.setxattr(np.__file__, "user.note", b"(3, 4)") is None, CALLS | READ_ONLY),
-            "last-access": (self.sets_last_access, READ_ONLY),
-            "free-blocks": (lambda: os.statvfs("/").f_bfree, CALLS),
-            "size-of-pipe": (lambda: fcntl.fcntl(1, F_SETPIPE_SZ, 1 << 16) > 0, CALLS),
-        }
-
-    def with_file(self, what: int, argument: int | bytes) -> object:
-        with Path(np.__file__).open("rb") as file:
-            return fcntl.fcntl(file.fileno(), what, argument)
-
-    def with_folder(self, what: int, argument: int) -> object:
-        folder = os.open(Path(np.__file__).parent, os.O_RDONLY)
-        try:
-            return fcntl.fcntl(folder, what, argument)
-        finally:
-            os.close(folder)
-
-    def wakes(self) -> bool:
-        """Wakes who waits at an address of a file that all have mapped; the call says how many there were."""
-        with Path(np.__file__).open("rb") as file, mmap.mmap(file.fileno(), 4096, prot=mmap.PROT_READ) as block:
-            address = np.frombuffer(block, np.uint8).ctypes.data
-            return is_let_in("futex", ctypes.c_void_p(address), FUTEX_WAKE, 1, None, None, 0)
-
-    def flags(self, what: int) -> bool:
-        with Path(np.__file__).open("rb") as file:
-            fcntl.ioctl(file.fileno(), what, bytearray(8))
-        return True
-
-    def sets_last_access(self) -> bool:
-        """Reads files that nobody has read for a day, and looks for a new time."""
-        for path in sorted(Path(np.__file__).parent.rglob("*.pyi"))[:200]:
-            before = path.stat()
-            if time.time() - before.st_atime > DAY_S or before.st_atime <= before.st_mtime:
-                path.read_bytes()
-                if path.stat().st_atime != before.st_atime:
-                    return True
-        return False
-
-
-class SharedObjects(Probe):
-    """Objects of which the machine or the user has a limited number, and queues that outlive a process."""
-
-    def attempts(self) -> dict[str, Attempt]:
-        room = ctypes.create_string_buffer(4096)
-        calls = {
-            "io_setup": (60_000, ctypes.byref(ctypes.c_ulong(0))),
-            "timer_create": (1, None, room),
-            "mq_open": (b"/note", os.O_RDWR | os.O_CREAT, 0o600, None),
-            "semget": (1234, 1, 0o1600),
-            "shmget": (1234, 4096, 0o1600),
-            "msgget": (1234, 0o1600),
-            "add_key": (b"user", b"note", b"(3, 4)", 6, -3),
-            "userfaultfd": (0,),
-            "memfd_create": (b"note", 3),
-            "fanotify_init": (0, 0),
-            "eventfd2": (0, 0),
-            "epoll_create1": (0,),
-            "timerfd_create": (1, 0),
-            "signalfd4": (-1, room, 8, 0),
-            "mlock": (room, 4096),
-            "rt_sigqueueinfo": (os.getpid(), 0, room),
-            "get_mempolicy": (None, None, 0, None, 0),
-            "remap_file_pages": (None, 0, 0, 0, 0),
-            "personality": (0xFFFFFFFF,),
-        }
-        made: dict[str, Attempt] = {
-            name: (functools.partial(is_let_in, name, *arguments), CALLS) for name, arguments in calls.items()
-        }
-        lowered = (16, resource.getrlimit(resource.RLIMIT_NPROC)[1])
-        made["processes-of-the-user"] = (lambda: resource.setrlimit(resource.RLIMIT_NPROC, lowered) is None, CALLS)
-        made["huge-pages"] = (self.takes_huge_page, CALLS)
-        made["clock-of-another"] = (lambda: time.clock_gettime(~os.getppid() << 3 | 2) >= 0, CALLS)
-        return made
-
-    def takes_huge_page(self) -> bool:
-        """Of a number that the machine sets apart: refused for want of them is an answer, too."""
-        try:
-            mmap.mmap(-1, 2 << 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | 0x40000).close()
-        except PermissionError:
-            return False
-        except OSError:
-            return True
-        return True
 
 
 class Inherits(Probe):

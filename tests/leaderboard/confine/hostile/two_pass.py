@@ -52,24 +52,11 @@ class KillsItself(TwoPass):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-class KillsItsGroup(TwoPass):
-    def die(self) -> None:
-        os.killpg(0, signal.SIGKILL)
-
-
 class RunsOutOfProcessorTime(TwoPass):
     """As if a limit of the system had ended it."""
 
     def die(self) -> None:
         os.kill(os.getpid(), signal.SIGXCPU)
-
-
-class RingsAlarm(TwoPass):
-    """By a timer of the kernel, a moment after the call."""
-
-    def die(self) -> None:
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_REAL, 0.01)
 
 
 class LosesItsFile(TwoPass):
@@ -97,11 +84,6 @@ class CallsAnotherInterface(TwoPass):
 class OverwritesItsMemory(TwoPass):
     def die(self) -> None:
         ctypes.memset(ctypes.addressof(ctypes.c_int()), 1, 64 << 30)
-
-
-class AbortsLikeTheAllocator(TwoPass):
-    def die(self) -> None:
-        os.abort()
 
 
 class ClosesItsReplies(TwoPass):
