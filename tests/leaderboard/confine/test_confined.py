@@ -97,7 +97,7 @@ def test_a_registered_localizer_answers_the_same_confined() -> None:
 
 
 def test_a_localizer_compiles_in_a_rehearsal_and_in_none_of_its_walks(stranger: Path) -> None:
-    results = evaluate(f"{stranger}:Compiles", ENV, split="test", walks=3, isolation="confined", seeds=1).results
+    results = evaluate(f"{stranger}:Compiles", "Toy-v1", split="test", walks=3, isolation="confined", seeds=1).results
     online = [result for result in results if result.division == "online"]
     assert [result.status for result in online] == ["complete"] * 3, online[0].failure
     assert [result.revised.xy_m[0].tolist() for result in online if result.revised] == [[0.0, 1.0]] * 3

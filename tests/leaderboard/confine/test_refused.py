@@ -46,7 +46,7 @@ NEEDED: dict[str, tuple[tuple[int, int], int]] = {
     "seccomp": (SECCOMP, errno.EINVAL),
 }
 UNPRIVILEGED = 65_534
-ENV = "OfficeStride-v2"
+ENV = "Toy-v1"
 
 
 class Skip(Exception):
