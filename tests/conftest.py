@@ -24,10 +24,15 @@ import numpy as np
 import psutil
 import pytest
 from hypothesis import HealthCheck, settings
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from pdrbench.building import Building
 from pdrbench.cli import main
 from pdrbench_sim.buildings.office import make_office
+
+# Matrices are small: where processes share the cores, threads for them wait ten times as long as they work.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of libraries that are loaded later, and of children
+threadpool_limits(1, user_api="blas")
 
 # How long drawing takes says how busy a machine is, and nothing of what is tested.
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])

@@ -18,7 +18,7 @@ import pytest
 from pdrbench.errors import DatasetError
 from pdrbench.gym import check_localizer, check_task, localizer_checks
 from pdrbench.gym.checking import Check, only
-from pdrbench.recording import Recording
+from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import (
     ENVIRONMENTS_GROUP,
     LOCALIZERS_GROUP,
@@ -37,6 +37,7 @@ ENVIRONMENTS = sorted(name for name, entry in environments().items() if entry.pa
 LOCALIZERS = sorted(name for name, entry in localizers().items() if entry.package == OURS)
 SMALL = "OfficeStride-v2"  # the environment of the default run where one is enough
 BEGIN_S = 12.0  # of a walk: it has steps, scans and all first looks
+SCANS_LEFT_OUT = 6  # for each that is kept: what is fitted to a survey takes as long as it is large
 
 
 @functools.cache
@@ -47,16 +48,34 @@ def one_walk(name: str) -> Task:
 
 
 def made_once(survey: Callable[[Recording], Any]) -> Callable[[Recording], Any]:
-    """A survey that is made once for each beginning of a walk; building one takes longer than most localizers play."""
+    """A small survey, made once for each beginning of a walk; building one takes longer than most localizers play."""
     made: dict[tuple[str, float], Any] = {}
 
     def of(recording: Recording) -> Any:
         key = recording.id, recording.end_s
         if key not in made:
-            made[key] = survey(recording)
+            whole = survey(recording)
+            made[key] = thinned(whole) if isinstance(whole, RadioMap) else whole
         return made[key]
 
     return of
+
+
+def thinned(survey: RadioMap) -> RadioMap:
+    """A few scans of a survey, of every part of it."""
+    scans = np.arange(0, len(survey), 1 + SCANS_LEFT_OUT)
+    counts = np.diff(survey.first)
+    readings = np.isin(np.repeat(np.arange(len(survey)), counts), scans)
+    return RadioMap(
+        survey.xy_m[scans],
+        survey.level[scans],
+        survey.walk[scans],
+        np.concatenate([[0], np.cumsum(counts[scans])]),
+        survey.access_point[readings],
+        survey.rssi_dbm[readings],
+        survey.age_s[readings],
+        survey.surveyed,
+    )
 
 
 @functools.cache

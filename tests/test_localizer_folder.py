@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.errors import PdrbenchError, PluginError
+from pdrbench.errors import PluginError
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.origin import localizer_target, target_sha256
 from pdrbench.localizer_folder import FolderTarget, find_target, list_files, parse_settings, parse_target, read_settings
@@ -274,12 +274,6 @@ def test_what_a_folder_raises_names_it(folder: Path, tmp_path: Path) -> None:
     results = evaluate([*map(str, folders)], ENV, split="val", seeds=1, walks=1).results
     for result, place, why in zip(results, folders, wrong.values(), strict=True):
         assert result.status == "failed" and f"{place}" in result.failure and why in result.failure
-
-
-def test_a_folder_that_cannot_be_run_is_an_error_before_any_walk(folder: Path) -> None:
-    settings(folder, "entry = 'other.py:Net'")
-    with pytest.raises(PdrbenchError, match="its entry is not found"):
-        evaluate(str(folder), ENV, split="val", seeds=1, walks=1)
 
 
 def test_a_second_edit_within_a_second_is_the_one_that_runs(folder: Path) -> None:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from pdrbench import registry
-from pdrbench.errors import UnknownNameError, unknown_name
+from pdrbench.errors import UnknownNameError
 from pdrbench.registry import PluginEntry, PluginError, Table, load_localizer, make_localizer, make_task
 
 GOOD = """
@@ -112,11 +112,6 @@ def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.Mon
 def test_a_value_that_is_no_name_is_an_unknown_name(name: object) -> None:
     with pytest.raises(UnknownNameError, match=f"no split of OfficeStride-v2 named {name}"):
         make_task("OfficeStride-v2").split(name)  # type: ignore[arg-type]
-
-
-def test_a_wrong_name_among_many_lists_some_of_them() -> None:
-    message = str(unknown_name("walk", "?", [f"{number:03d}" for number in range(100)]))
-    assert "known: 000, 001, " in message and message.endswith("023 and 76 more")
 
 
 def test_an_id_that_is_taken_and_a_table_that_is_none_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

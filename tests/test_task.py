@@ -29,10 +29,6 @@ TASK = Task(
 UNITS = {"a": "1", "b": "1", "c": "2", "d": "3", "e": "1"}
 
 
-def test_a_task_says_nothing_of_units_unless_told() -> None:
-    assert (dict(TASK.units), TASK.unit_kind, dict(TASK.groups), dict(TASK.folds)) == (({}, "building", {}, {}))
-
-
 def test_every_walk_has_a_unit_and_every_train_walk_a_fold() -> None:
     assert replace(TASK, units=UNITS, folds={"a": 0, "b": 0, "c": 1}).units["c"] == "2"
     with pytest.raises(RecordingError, match="walk 'e' has no unit"):

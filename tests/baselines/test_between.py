@@ -63,13 +63,6 @@ def test_companions_are_averaged_with_the_first_network() -> None:
     assert not any(move.stands or move.is_guess for move in moves)
 
 
-def test_a_displacement_is_the_mean_of_the_members_and_as_wide_as_their_mixture() -> None:
-    move = mean_move([second(1.0, 1.0, variance_m2=0.02, stands=True), second(1.0, 1.4, variance_m2=0.06)], [1.0])
-    np.testing.assert_allclose(move.move_m, (1.2, 0.0))
-    np.testing.assert_allclose(move.covariance_m2, np.diag([0.04 + 0.2**2, 0.04]))
-    assert move.end_s == 1.0 and not move.stands and not move.is_guess
-
-
 @pytest.mark.parametrize(
     ("doubt", "trust", "x_m"), [(0.0, 1.0, 0.0), (1.0, 1.0, 1.0), (0.0, 0.0, 1.0), (0.0, 0.5, 0.5)]
 )
@@ -82,12 +75,6 @@ def test_where_a_companion_stands_it_decides_the_mean_and_not_the_covariance(
     np.testing.assert_allclose(move.move_m, [x_m, 0.0])
     np.testing.assert_allclose(move.covariance_m2, np.diag([0.04 + spread_m2, 0.04]))
     assert not move.stands
-
-
-@pytest.mark.parametrize(("doubt", "x_m"), [(0.0, 1.2), (0.5, 1.0 + 0.4 / 3.0), (1.0, 1.0)])
-def test_the_more_the_first_doubts_the_less_the_others_count(doubt: float, x_m: float) -> None:
-    move = mean_move([second(1.0, 1.0, doubt=doubt), second(1.0, 1.4)], [1.0])
-    assert move.move_m[0] == pytest.approx(x_m) and move.doubt == doubt
 
 
 def test_a_companion_that_contradicts_the_first_for_long_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,12 +164,6 @@ def test_a_gap_that_leaves_too_little_to_go_on_from_fades_slowly() -> None:
     assert (np.diff(spread_m2[8:16]) > 0).all() and not moves[17].is_guess
 
 
-def test_a_network_alone_is_not_asked_between_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    alone = continued(1.4)
-    monkeypatch.setattr(alone, "latest_change_m", lambda: (0.6, np.ones(2)))
-    np.testing.assert_array_equal(alone.turned_off_m(0.6), np.zeros(2))
-
-
 def test_lengths_are_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:
     reckoner = continued(1.0, 1.4, length_factor=0.5)
     monkeypatch.setattr(reckoner._members[-1], "change_m", lambda *_: np.array([1.0, 0.0]))
@@ -208,16 +189,6 @@ def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing
     return Briefing(bare_ring(), sensors, 0.2, Start(np.zeros(2), 0), radio_map)
 
 
-def claimed_m(surveyed: bool | None) -> float:
-    """`sigma_m` after a second in which 1 m was walked, over the spread of the particles."""
-    localizer = Fusion()
-    localizer.reset(briefing(surveyed=surveyed), np.random.default_rng(0))
-    localizer._reckoner = Reckoner(Says(1.0), briefing())
-    answer = localizer.step(Observation(1.5, lying_rows(1.5) | {"wifi": np.zeros((0, 5))}))
-    assert answer.sigma_m is not None
-    return answer.sigma_m / localizer._best.cloud.sigma_m
-
-
 def test_a_companion_that_declines_a_walk_is_left_out_of_it() -> None:
     localizer = Fusion()
     sizes = []
@@ -225,11 +196,6 @@ def test_a_companion_that_declines_a_walk_is_left_out_of_it() -> None:
         localizer.reset(briefing(rotation=rotation), np.random.default_rng(0))
         sizes.append(len(localizer._reckoner._members))
     assert sizes == [2, 1]  # `phone_plain` needs a rotation vector, `phone` does with a magnetometer
-
-
-@pytest.mark.parametrize(("surveyed", "sigma"), [(True, 1.1), (False, 1.7), (None, 1.7)])
-def test_what_is_claimed_from_a_known_start_follows_the_kind_of_survey(surveyed: bool | None, sigma: float) -> None:
-    assert claimed_m(surveyed) == pytest.approx(sigma)
 
 
 def test_a_level_that_changes_before_the_first_scan_is_no_evidence() -> None:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.errors import UnsuitableError
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
@@ -50,16 +49,3 @@ def test_phone_steps_go_where_the_top_edge_points(rng: np.random.Generator) -> N
         estimate = localizer.step(Observation(now_s, {"accel": accel[due], "rotation": west[due]}))
     assert estimate.xy_m[1] == pytest.approx(5.0)
     assert estimate.xy_m[0] == pytest.approx(5.0 - 20 * 0.5, abs=0.51)  # the last step may not be visible yet
-
-
-@pytest.mark.parametrize(
-    ("briefing", "message"),
-    [
-        (brief("wifi"), "needs the sensor 'accel'; this environment offers wifi"),
-        (brief("stride", start=False), "needs a known start"),
-        (brief("stride", heading_rad=None), "needs the heading of the start"),
-    ],
-)
-def test_unsuitable_environments_are_declined(briefing: Briefing, message: str, rng: np.random.Generator) -> None:
-    with pytest.raises(UnsuitableError, match=message):
-        DeadReckoning().reset(briefing, rng)

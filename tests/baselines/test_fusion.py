@@ -73,14 +73,6 @@ def clouds(radio: RadioEvidence, first: FloatArray) -> list[Cloud]:
     return made
 
 
-def test_every_place_of_the_lattice_is_in_its_own_square(radio: RadioEvidence) -> None:
-    inside_m = 0.45 * radio.lattice_m * np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
-    for away_m in inside_m:
-        np.testing.assert_array_equal(radio.squares_at(radio.xy_m + away_m, radio.level), np.arange(len(radio.xy_m)))
-    beside = radio.squares_at(np.array([[-1.0, 10.0], [-60.0, 10.0], [15.0, 10.0]]), np.array([0, 0, 7]))
-    assert beside[0] >= 0 and (beside[1:] == -1).all()  # just off the floor, far off it, on a level without a survey
-
-
 def test_likelihoods_are_spread_by_the_error_of_the_map_and_no_further(radio: RadioEvidence) -> None:
     one = np.full((len(radio.xy_m), len(radio.prior)), -np.inf)
     middle = int(np.argmin(((radio.xy_m - (15.0, 10.0)) ** 2).sum(axis=1) + 99.0 * radio.level))
@@ -207,18 +199,6 @@ def test_whom_walls_keep_where_the_compass_led_is_found_by_particles_that_no_wal
     assert np.hypot(*(cloud.xy_m - true_m)) < 6.0
 
 
-def test_evidence_of_free_particles_is_ahead_by_what_the_other_cloud_lacks(radio: RadioEvidence) -> None:
-    compass, params = CompassMean(CompassParams()), LearnedMapFilterParams()
-    free = FreeCloud(FreeParams(), params, np.array([15.0, 10.0]), 0.5, compass, radio, np.random.default_rng(1))
-    nothing = np.zeros((len(radio.xy_m), len(radio.prior)))
-    free.weigh_by(nothing, 0, -3.0)
-    assert free.lead == pytest.approx(3.0)
-    free.turn(0.0, compass, -1.0)  # headings as before, a spread as before
-    assert free.lead == pytest.approx(4.0)
-    free.weigh_by(np.where(radio.level == 0, -2.0, 0.0)[:, None] + nothing, 0, 0.0)
-    assert free.lead == pytest.approx(2.0)
-
-
 def test_no_place_beside_the_geometric_median_is_nearer_in_the_mean() -> None:
     rng = np.random.default_rng(3)
     xy_m = np.concatenate([rng.standard_normal((60, 2)), rng.normal((30.0, -20.0), 1.0, (20, 2))])
@@ -241,18 +221,6 @@ def test_a_scan_far_from_every_fingerprint_says_less() -> None:
     beside = np.array([[1.0, 1.0], [80.0, 0.0]]), np.zeros(2, dtype=int)
     (at_near, off_near), (at_far, off_far) = (np.log(each.density_per_m2(*beside)) for each in (near, far))
     assert at_near - off_near > at_far - off_far + 3.0
-
-
-def test_a_scan_unlike_all_fingerprints_was_received_far_from_the_survey() -> None:
-    params = FingerprintParams()
-    expected = np.interp([1.0, 30.0], params.apart_m, params.log_odds)
-    near_survey, far_off = params.log_nearness(0.05, expected)
-    assert near_survey > far_off + 1.0
-    near_survey, far_off = params.log_nearness(0.7, expected)
-    assert near_survey < far_off - 1.0
-    assert (
-        np.isfinite(params.log_nearness(0.0, expected)).all() and np.isfinite(params.log_nearness(1.0, expected)).all()
-    )
 
 
 def test_fingerprints_of_surveyed_places_sharpen_what_a_scan_says(radio: RadioEvidence) -> None:
@@ -290,15 +258,6 @@ def test_one_outlier_of_a_few_lines_does_not_draw_the_revised_past() -> None:
     )
     assert by_mean == pytest.approx(4.0, abs=1.2)  # 400 draws of 40 m in one of ten: 0.6 m
     assert abs(by_median) < 0.3
-
-
-def test_particles_have_their_geometric_median_on_the_level_of_the_answer(radio: RadioEvidence) -> None:
-    cloud = Cloud(BOTH, np.random.default_rng(0), LearnedMapFilterParams(num_particles=500), 0, radio)
-    cloud.begin_near(np.array([8.0, 8.0]))
-    first_m = cloud.median_m
-    assert np.hypot(*(first_m - cloud.xy_m)) < 0.3
-    cloud.move(np.array([2.0, 0.0]), 0.01 * np.eye(2))
-    assert cloud.median_m[0] == pytest.approx(first_m[0] + 2.0, abs=0.3)
 
 
 def test_fields_do_not_depend_on_what_was_asked_for_before(radio: RadioEvidence) -> None:

@@ -89,8 +89,3 @@ def test_before_the_first_scan_it_answers_the_start_or_the_middle_of_the_survey(
     assert observe(localizer, np.zeros((0, 5))) == ([10.0, 0.0], 0)
     localizer.reset(dataclasses.replace(brief(), start=Start(np.array([1.0, 2.0]), 1)), rng)
     assert observe(localizer, np.zeros((0, 5))) == ([1.0, 2.0], 1)
-
-
-def test_declines_without_a_survey(rng: np.random.Generator) -> None:
-    with pytest.raises(UnsuitableError, match="needs a radio map"):
-        WifiKnn().reset(brief(radio_map=False), rng)

@@ -121,12 +121,6 @@ def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -
     assert "oracle" in asked.arguments["localizers"]["OfficeStride-v2"]
 
 
-def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any) -> None:
-    outcome = command("compare", "--localizer", "oracle")
-    assert outcome.code == 1 and not asked.arguments
-    assert "is given the reference" in outcome.err and "pdrbench: no localizer is left to run" in outcome.err
-
-
 def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
     arguments = (
         f"--env OfficeStride-v2 --localizer stay --localizer dead_reckoning --split val --seeds 2 --walks 3 "
@@ -158,14 +152,6 @@ def test_what_does_not_suit_is_not_run_and_counted_in_a_line(asked: Asked, comma
     assert "left out: wifi_knn on OfficeStride-v2: needs a radio map" in outcome.err
     outcome = command("compare", "--env", "OfficeStride-v2", "--localizer", "wifi_knn")
     assert outcome.code == 1 and "wifi_knn on OfficeStride-v2: needs a radio map" in outcome.err
-
-
-def test_a_localizer_that_fails_on_every_walk_gives_status_1(asked: Asked, command: Any) -> None:
-    asked.statuses["stay"] = ("failed", "ValueError: no step\n")
-    outcome = command("compare", "--env", "OfficeStride-v2")
-    assert outcome.code == 1 and "failed: stay on 1 of 1 walks of OfficeStride-v2" in outcome.err
-    outcome = command("run", "stay", "OfficeStride-v2")
-    assert outcome.code == 1 and "ValueError: no step" in outcome.err
 
 
 def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:

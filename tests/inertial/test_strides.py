@@ -88,13 +88,6 @@ def test_heading_and_yaw_are_kept_apart() -> None:
     np.testing.assert_allclose(strides.steps(misalignment_rad=-0.2), [[1.0, 0.0, 0.0], [1.0, 0.0, 0.3]], atol=1e-9)
 
 
-def test_a_sensor_turned_by_minus_alpha_needs_a_misalignment_of_alpha() -> None:
-    """F8: heading of the pedestrian = yaw of the sensor + misalignment."""
-    alpha = 0.4
-    strides = find_strides(walk([(0.0, 0.0, 0.0), (1.2, 0.0, 0.0)], [-alpha, -alpha]))
-    np.testing.assert_allclose(strides.steps(alpha), [[1.2, 0, 0]], atol=1e-9)
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_the_cut_of_the_stream_does_not_matter(seed: int) -> None:
     rng = np.random.default_rng(seed)

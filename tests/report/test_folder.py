@@ -15,7 +15,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.picture import estimate_style
 from pdrbench.report import FigureOptions
 from pdrbench.report import folder as folder_module
-from pdrbench.report.folder import SplitResults, _walks_to_draw, errors_of, write_report
+from pdrbench.report.folder import SplitResults, errors_of, write_report
 from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk, levels_to_show
 
@@ -89,13 +89,6 @@ def test_errors_are_those_of_surveyed_positions_of_every_seed(part: SplitResults
     assert tuple(errors.by_walk) == corridor.WALKS
     for i, walk in enumerate(corridor.WALKS):
         np.testing.assert_allclose(errors.by_walk[walk], np.full(2 * 19, 1.0 + i))
-
-
-def test_middle_walk_is_drawn_first_and_none_twice(part: SplitResults, corridor: SimpleNamespace) -> None:
-    chosen = _walks_to_draw([errors_of(part, "near")])
-    assert next(iter(chosen)) == corridor.WALKS[2]
-    assert len(chosen) == 4
-    assert corridor.WALKS[-1] in chosen
 
 
 def test_a_panel_for_each_level_of_walk_and_estimates(corridor: SimpleNamespace) -> None:

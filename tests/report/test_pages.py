@@ -8,8 +8,6 @@ import pytest
 
 from pdrbench.registry import environments, localizers, make_task
 from pdrbench.report import environment_page, localizer_page, metrics_page
-from pdrbench.report.docstrings import docstring_markdown
-from pdrbench.report.pages import unit_of
 
 
 def test_environment_page_states_the_facts_of_the_task(corridor: SimpleNamespace) -> None:
@@ -47,17 +45,3 @@ def test_every_metric_has_a_line() -> None:
     page = metrics_page()
     for name in METRICS:
         assert f"| `{name}` |" in page
-
-
-@pytest.mark.parametrize(
-    ("column", "unit"), [("t_s", "s"), ("z_mps2", "m/s²"), ("turn_rad", "rad"), ("qw", "–"), ("access_point", "–")]
-)
-def test_unit_comes_from_the_suffix(column: str, unit: str) -> None:
-    assert unit_of(column) == unit
-
-
-def test_docstring_sections_become_lists() -> None:
-    text = "Adds.\n\nArgs:\n    x_m: Metres,\n        or nothing.\n    y_m: More.\n\nExample:\n\n>>> 1 + 1\n2"
-    assert docstring_markdown(text) == (
-        "Adds.\n\n**Args**\n\n* `x_m`: Metres, or nothing.\n* `y_m`: More.\n\nExample:\n\n```python\n>>> 1 + 1\n2\n```"
-    )

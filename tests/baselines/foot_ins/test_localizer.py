@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.errors import RecordingError, UnsuitableError
 from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.registry import make_localizer
@@ -81,11 +80,6 @@ def test_the_track_is_never_far_off_the_given_heading_while_it_is_short(straight
     assert np.abs(aside_m).max() < 0.35
 
 
-def test_an_unknown_heading_leaves_the_frame_of_the_unit(straight: FootMotion) -> None:
-    end_m = walk_with(FootInsRobust(), *rows_of(straight), None)[-1].xy_m - START_M
-    assert end_m == pytest.approx([NUM_STRIDES * STRIDE_M, 0.0], abs=0.3)  # it starts with x ahead
-
-
 @pytest.mark.parametrize("make", MAKERS)
 def test_how_the_unit_is_mounted_does_not_matter(make: Callable[[], FootIns], bent: FootMotion) -> None:
     """Upside down and turned about every axis, the track is the same, since it is aligned with the given heading."""
@@ -127,50 +121,6 @@ def test_sensors_that_sample_at_different_times_are_brought_together(bent: FootM
     assert apart[-1] == pytest.approx(together[-1], abs=0.05)
 
 
-def test_a_slower_gyroscope_will_do(bent: FootMotion) -> None:
-    accel, gyro = rows_of(bent)
-    together = xy_of(walk_with(FootInsRobust(), accel, gyro, 0.0))
-    slow = xy_of(walk_with(FootInsRobust(), accel, gyro[::2], 0.0))
-    assert slow[-1] == pytest.approx(together[-1], abs=0.2)
-
-
-def test_observations_without_rows_change_nothing(straight: FootMotion) -> None:
-    localizer = FootInsRobust()
-    last = walk_with(localizer, *rows_of(straight), 0.0)[-1]
-    nothing = {"accel": np.zeros((0, 4)), "gyro": np.zeros((0, 4))}
-    assert (localizer.step(Observation(99.0, nothing)).xy_m == last.xy_m).all()
-
-
-@pytest.mark.parametrize(
-    ("accel_times", "gyro_times", "message"),
-    [(1 / 9.80665, 1.0, "looks like g: .*multiply by 9.80665"), (1.0, 180 / np.pi, "degree/s: .*multiply by pi/180")],
-)
-def test_other_units_are_refused_with_the_remedy(
-    accel_times: float, gyro_times: float, message: str, straight: FootMotion
-) -> None:
-    accel, gyro = rows_of(straight)
-    accel[:, 1:] *= accel_times
-    gyro[:, 1:] *= gyro_times
-    with pytest.raises(RecordingError, match=message):
-        walk_with(FootInsRobust(), accel, gyro, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("sensors", "mounting", "message"),
-    [
-        (("accel",), "foot", "needs the sensor 'gyro'"),
-        (("gyro",), "foot", "needs the sensor 'accel'"),
-        (("accel", "gyro"), "pocket", "needs a unit on the foot .*; this one is carried in the pocket"),
-        (("accel", "gyro"), "", "needs a unit on the foot .*; this one may be carried anywhere"),
-    ],
-)
-def test_unsuitable_environments_are_declined(sensors: tuple[str, ...], mounting: str, message: str) -> None:
-    specs = {name: sensor_spec(name) for name in sensors}
-    briefing = Briefing(None, specs, PERIOD_S, Start(START_M, 0, 0.0), mounting=mounting)
-    with pytest.raises(UnsuitableError, match=message):
-        FootIns().reset(briefing, np.random.default_rng(0))
-
-
 def test_nothing_is_revised_where_no_samples_are_kept(straight: FootMotion) -> None:
     localizer = FootIns(FootInsParams(revises=False))
     walk_with(localizer, *rows_of(straight), 0.0)
@@ -187,15 +137,6 @@ def test_the_smoother_revises_the_whole_walk_and_keeps_the_end(bent: FootMotion)
     row = np.searchsorted(revised[:, 0], bent.t_s[-1] / 2)
     sigma_m = answers[round(revised[row, 0] / PERIOD_S)].sigma_m
     assert sigma_m is not None and revised[row, 4] <= sigma_m
-
-
-def test_reset_forgets_the_walk_before(straight: FootMotion, bent: FootMotion) -> None:
-    localizer = FootInsRobust()
-    walk_with(localizer, *rows_of(bent), 1.0)
-    localizer.revise()
-    again = xy_of(walk_with(localizer, *rows_of(straight), 0.3))
-    fresh = xy_of(walk_with(FootInsRobust(), *rows_of(straight), 0.3))
-    assert (again == fresh).all()
 
 
 @pytest.mark.parametrize("name", ["are", "mv", "mag", "interval"])

@@ -80,31 +80,6 @@ def test_distance_is_equation_1(
     np.testing.assert_allclose(distance, expected, rtol=0, atol=1e-9)
 
 
-def test_closed_form_of_one_histogram() -> None:
-    """Readings -60, -60, -64: mean -61 1/3; E|x - X| by hand inside, at the ends, between bins and outside."""
-    scans = [(0, {7: -60.0}), (0, {7: -59.6}), (0, {7: -63.5})]
-    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans))
-    rssi, probability = table.histogram(0, 7)
-    assert rssi.tolist() == [-63, -60]  # a bin reaches from half a decibel below to half above, the lower end included
-    assert probability == pytest.approx([1 / 3, 2 / 3])
-    x = [-60.0, -63.0, -61.0, -61.5, -50.0, -100.0, -104.0]
-    expected = [1.0, 2.0, 4 / 3, 1.5, 11.0, 39.0, 43.0]
-    assert [float(table.distance([7], [value])[0]) for value in x] == pytest.approx(expected)
-
-
-def test_an_access_point_of_the_fingerprint_that_is_not_received_counts_as_missing() -> None:
-    scans = [(0, {1: -50.0, 2: -70.0}), (1, {1: -50.0})]
-    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0), (5, 0, 0)], scans))
-    assert table.distance([1], [-52.0]) == pytest.approx([2 + 30, 2])
-    # In the scan and in one fingerprint only: ignored at the other as the paper writes it, or as if at -100 dBm.
-    assert table.distance([1, 2], [-52.0, -71.0]) == pytest.approx([2 + 1, 2])
-    assert table.distance([1, 2], [-52.0, -71.0], unknown="penalise") == pytest.approx([2 + 1, 2 + 29])
-    # An access point that was not surveyed changes nothing, either way.
-    for unknown in ("ignore", "penalise"):
-        alone, beside = ([1], [-52.0]), ([1, 99], [-52.0, -40.0])
-        assert table.distance(*alone, unknown=unknown).tolist() == table.distance(*beside, unknown=unknown).tolist()  # type: ignore[arg-type]
-
-
 def test_the_strongest_of_duplicates_counts_in_scan_and_survey() -> None:
     survey = RadioMap([[0, 0], [0, 0]], [0, 0], [0, 0], [0, 3, 4], [4, 4, 9, 4], [-80, -60, -70, -62], np.zeros(4))
     table = HistogramTable.from_radio_map(survey)
@@ -113,53 +88,11 @@ def test_the_strongest_of_duplicates_counts_in_scan_and_survey() -> None:
     assert twice.tolist() == once.tolist() == [1.0]
 
 
-def test_calibration_points_are_places_on_a_level_in_the_order_of_the_survey() -> None:
-    places = [(3.0, 1.0, 0), (0.0, 1.0, 1), (-0.0, 1.0, 1), (0.0, 1.0, 0), (3.0, 1.0 + 1e-12, 0)]
-    scans = [(0, {1: -50.0}), (1, {1: -51.0}), (0, {1: -52.0}), (2, {1: -53.0}), (3, {1: -54.0}), (4, {1: -55.0})]
-    table = HistogramTable.from_radio_map(survey_of(places, scans))
-    assert table.xy_m[:, 0].tolist() == [3.0, 0.0, 0.0, 3.0]
-    assert table.level.tolist() == [0, 1, 0, 0]
-    assert [table.histogram(point, 1)[0].tolist() for point in range(4)] == [[-52, -50], [-53, -51], [-54], [-55]]
-
-
-def test_scans_without_an_access_point_are_counted_on_demand_only() -> None:
-    scans = [(0, {1: -50.0, 2: -60.0}), (0, {1: -50.0}), (0, {1: -50.0})]
-    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans))
-    assert table.histogram(0, 2)[1].tolist() == [1.0]
-    counted = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans), count_unheard=True)
-    assert counted.histogram(0, 2)[0].tolist() == [-100, -60]
-    assert counted.histogram(0, 2)[1] == pytest.approx([2 / 3, 1 / 3])
-    assert counted.histogram(0, 1)[1].tolist() == [1.0]
-    assert table.histogram(0, 99)[0].size == table.histogram(5, 2)[0].size == 0
-
-
 def test_old_readings_and_places_without_access_points_are_left_out() -> None:
     survey = RadioMap([[0, 0], [9, 9]], [0, 0], [0, 1], [0, 2, 3], [1, 2, 1], [-50, -60, -70], [0.0, 3.0, 8.0])
     table = HistogramTable.from_radio_map(survey, max_age_s=3.0)
     assert table.xy_m.tolist() == [[0.0, 0.0]]
     assert len(HistogramTable.from_radio_map(survey)) == 2
-
-
-def test_shifting_both_sides_changes_nothing(rng: np.random.Generator) -> None:
-    """By whole decibels, where everything is received; and order of scan and survey does not matter."""
-    levels = rng.integers(-90, -40, (40, 6)).astype(float)
-    scans = [(place % 8, dict(enumerate(row))) for place, row in enumerate(levels)]
-    places = [(float(place), 0.0, 0) for place in range(8)]
-    shifted = [(place, {name: rssi + 7 for name, rssi in scan.items()}) for place, scan in scans]
-    x = rng.uniform(-90, -40, 6)
-    plain = HistogramTable.from_radio_map(survey_of(places, scans)).distance(np.arange(6), x)
-    np.testing.assert_allclose(
-        HistogramTable.from_radio_map(survey_of(places, shifted)).distance(np.arange(6), x + 7), plain, atol=1e-9
-    )
-    backwards = HistogramTable.from_radio_map(survey_of(places, scans[::-1]))
-    np.testing.assert_allclose(backwards.distance(np.arange(6)[::-1], x[::-1])[::-1], plain, atol=1e-9)
-
-
-def test_a_query_leaves_the_table_as_it_was() -> None:
-    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], [(0, {1: -50.0})]))
-    first = table.distance([1], [-60.0])
-    first += 5.0
-    assert table.distance([1], [-60.0]).tolist() == [10.0]
 
 
 @pytest.mark.parametrize(

@@ -83,14 +83,6 @@ def test_probabilities_follow_the_law_in_the_open() -> None:
     assert (probability * way_m).sum() == pytest.approx(1.34, abs=0.1)  # rings are half a metre wide
 
 
-@pytest.mark.parametrize("update_s", [0.5, 2.0])
-def test_an_update_moves_at_walking_speed(update_s: float) -> None:
-    table = build_table(hall(), MovementParams(update_s=update_s))
-    source = nearest(table, 10, 10)
-    to, probability = table.row(source)
-    assert (probability * ways_m(table.cells, source)[to]).sum() == pytest.approx(1.34 * update_s, rel=0.15)
-
-
 def test_improbable_movements_are_pruned_and_the_rest_sums_to_one() -> None:
     table = build_table(hall(), MovementParams(prune=0.01))
     for cell in (0, nearest(table, 10, 10), table.num_cells - 1):
@@ -167,17 +159,6 @@ def test_draws_follow_the_table() -> None:
     assert counts[to].sum() == draws
     sigma = np.sqrt(draws * probability)
     assert (np.abs(counts[to] - draws * probability) < 5 * sigma + 1).all()
-
-
-def test_same_generator_same_bytes_and_tables_are_equal() -> None:
-    one, other = build_table(two_rooms()), build_table(two_rooms())
-    for name in ("first", "to", "threshold", "alias"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
-    ends = []
-    for table in (one, other):
-        rng = np.random.default_rng(3)
-        ends.append(table.move(table.start(rng, 500), rng).tobytes())
-    assert ends[0] == ends[1]
 
 
 def test_the_start_is_even_over_the_floor() -> None:

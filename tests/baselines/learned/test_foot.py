@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.errors import RecordingError, UnsuitableError
+from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.inertial.foot_motion import FootMotion, walk
@@ -91,14 +91,6 @@ def test_the_frame_is_aligned_with_the_given_heading() -> None:
     assert rows.turn_rad == pytest.approx(1.0, abs=0.15)  # of a first stride that turns by 0.1
 
 
-@pytest.mark.parametrize("chunk_s", [0.05, 1.0])
-def test_chunks_do_not_matter(chunk_s: float) -> None:
-    one, two = moves(strides()), moves(strides(), chunk_s=chunk_s)
-    assert [move.end_s for move in one] == [move.end_s for move in two]
-    # half of the last cell of a window is after the reported second, and may be missing: 10 ms at 1 m/s
-    np.testing.assert_allclose([move.move_m for move in one], [move.move_m for move in two], atol=0.01)
-
-
 def test_rotating_the_walk_rotates_the_estimate() -> None:
     angle_rad = 2.1
     one, two = (np.array([estimate.xy_m for estimate in answers(strides(), briefing(rad))]) for rad in (0.0, angle_rad))
@@ -129,24 +121,6 @@ def test_a_walk_with_a_gap_stays_finite() -> None:
         assert all(np.isfinite(move.move_m).all() and np.isfinite(move.covariance_m2).all() for move in found)
         assert any(move.is_guess for move in found) and not found[-1].is_guess
         assert found[-1].end_s == moves(rows)[-1].end_s
-
-
-def test_samples_that_are_no_numbers_are_left_out() -> None:
-    rows = strides()
-    rows["accel"][300:304, 2] = np.nan
-    assert np.isfinite([move.move_m for move in moves(rows)]).all()
-
-
-def test_unsuitable_input_is_an_error() -> None:
-    only_accel = {"accel": briefing().sensors["accel"]}
-    with pytest.raises(UnsuitableError, match="'gyro'"):
-        Learned().reset(briefing(sensors=only_accel), np.random.default_rng(0))
-    with pytest.raises(UnsuitableError, match="80 Hz or more"):
-        Learned().reset(briefing(rate_hz=50.0), np.random.default_rng(0))
-    with pytest.raises(UnsuitableError, match="known start"):
-        Learned().reset(briefing(start=None), np.random.default_rng(0))
-    with pytest.raises(UnsuitableError, match="for a phone, not for a foot"):
-        Reckoner(compiled_network("phone"), briefing())
 
 
 def test_other_units_and_times_that_go_back_are_refused() -> None:

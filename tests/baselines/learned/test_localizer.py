@@ -337,14 +337,6 @@ def windows_of_sources(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dic
         yield now_s, part | {"wifi": scan_at([20.0, 0.0], now_s) if k % 10 == 0 else np.zeros((0, 5))}
 
 
-def test_unsuitable_input_is_an_error() -> None:
-    rng, localizer = np.random.default_rng(0), LearnedMap()
-    with pytest.raises(UnsuitableError, match="needs a map"):
-        localizer.reset(dataclasses.replace(briefing_with(), building=None), rng)
-    with pytest.raises(UnsuitableError, match="or a radio map"):
-        localizer.reset(briefing_with(start=None, radio_map=None), rng)
-
-
 def test_the_claim_grows_with_the_way(rng: np.random.Generator) -> None:
     localizer = Learned()
     localizer.reset(briefing_with(), rng)

@@ -75,13 +75,6 @@ def test_a_polygon_labelled_corridor_is_a_corridor(plan: Building) -> None:
     assert at(rooms, rooms.kind, 22.0, 6.0) == PATH_TILE
 
 
-def test_shifted_maps_have_shifted_tiles(plan: Building) -> None:
-    outline = np.array(OUTLINE) + np.array([100.0, -50.0])
-    shifted = Building("s", (FloorPolygon("f", outline, np.full(len(outline), WALL), 0.0, 0),))
-    one, other = tile_map(plan, 0), tile_map(shifted, 0)
-    assert (one.kind == other.kind).mean() > 0.995  # edges of tiles may round
-
-
 @pytest.mark.parametrize("wrong", [{"tile_m": 0.0}, {"widest_m": -1.0}, {"middle_share": 1.5}])
 def test_bad_settings_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(MapError, match="tiles need"):

@@ -111,41 +111,11 @@ def test_without_a_rotation_vector_the_gyroscope_will_do(alley: Building) -> Non
     assert alone[-1] == pytest.approx(with_rotation[-1], abs=0.5)
 
 
-@pytest.mark.parametrize(
-    ("sensors", "start", "mounting", "message"),
-    [
-        (("accel",), None, "hand", "needs a rotation vector or a gyroscope"),
-        (("accel", "gyro"), None, "hand", "magnetometer or the heading of the start"),
-        (("gyro", "rotation"), None, "hand", "needs the sensor 'accel'"),
-        (("accel", "rotation"), None, "foot", "needs a phone"),
-        (("accel", "rotation"), None, "pocket", "needs the heading of the start where the phone is in a pocket"),
-    ],
-)
-def test_what_is_missing_is_named(
-    alley: Building, sensors: tuple[str, ...], start: Start | None, mounting: str, message: str
-) -> None:
-    with pytest.raises(UnsuitableError, match=message):
-        Li2012().reset(briefed(alley, sensors, start=start, mounting=mounting), np.random.default_rng(0))
-
-
-def test_no_map_and_no_start_are_named(alley: Building) -> None:
-    with pytest.raises(UnsuitableError, match=r"li2012\?map=false goes without"):
-        Li2012().reset(briefed(None), np.random.default_rng(0))
-    Li2012(dataclasses.replace(SMALL, map=False)).reset(briefed(None), np.random.default_rng(0))
-    with pytest.raises(UnsuitableError, match="known start"):
-        Li2012().reset(dataclasses.replace(briefed(alley), start=None), np.random.default_rng(0))
-
-
 def test_in_a_pocket_the_given_heading_relates_phone_and_walker(alley: Building) -> None:
     start = Start(np.zeros(2), 0, heading_rad=0.0)
     answers = play(Li2012(GENERIC_ONE), briefed(alley, start=start, mounting="pocket"), carried(15.0, pocket=True))
     assert answers[-1, 0] > 14.0
     assert abs(answers[-1, 1]) < 0.8
-
-
-def test_a_tap_off_the_floor_is_taken_to_the_floor(alley: Building) -> None:
-    answers = play(Li2012(GENERIC_ONE), briefed(alley, start=Start(np.array([3.0, 8.0]), 0)), carried(5.0))
-    assert alley.contains(answers, 0).all()
 
 
 def test_all_particles_are_depleted_at_the_end_of_the_alley(alley: Building) -> None:
@@ -157,13 +127,6 @@ def test_all_particles_are_depleted_at_the_end_of_the_alley(alley: Building) -> 
     assert localizer.debug()["resets"] >= 1
     assert alley.contains(answers, 0).mean() > 0.9
     assert np.isfinite(answers).all()
-
-
-def test_same_generator_same_answers(alley: Building) -> None:
-    rows = carried(8.0)
-    one, again, other = (play(Li2012(SMALL), briefed(alley), rows, seed) for seed in (3, 3, 4))
-    assert (one == again).all()
-    assert (one != other).any()
 
 
 def test_a_personal_model_is_where_the_next_walk_begins(alley: Building) -> None:
@@ -189,15 +152,6 @@ def test_extrapolation_removes_the_wait_for_the_next_step(alley: Building) -> No
     later = slice(25, None)
     ahead_s = (now[later, 0] - lagging[later, 0]).mean() / speed_mps
     assert 0.4 < ahead_s < 0.9  # 0.37 s until a step is known, half a step on average until the next one is
-
-
-def test_settings_of_the_filter_follow_the_way_of_carrying_and_the_algorithm() -> None:
-    plain, biased = Li2012Params(), Li2012Params(heading_bias=True)
-    assert plain.of_filter(in_pocket=False) == plain.filter
-    assert plain.of_filter(in_pocket=True).heading_sigma_rad == plain.pocket_sigma_rad
-    assert dataclasses.replace(plain, generic=True).of_filter(in_pocket=False).delta_a == 0.0
-    own = biased.of_filter(in_pocket=False)
-    assert own.bias_sigma_rad > 0.0 and own.adjustment == 0.0 < plain.filter.adjustment
 
 
 @pytest.mark.data

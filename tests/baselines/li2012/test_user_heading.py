@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import wrap_rad
-from pdrbench.inertial.quaternions import inverse, multiply, phone_heading_rad
+from pdrbench.inertial.quaternions import inverse, multiply
 from pdrbench_baselines.li2012.user_heading import UserHeading, facing, to_user
 
 HEADINGS = np.linspace(-3.0, 3.0, 13)
@@ -13,11 +13,6 @@ HEADINGS = np.linspace(-3.0, 3.0, 13)
 def turned(axis: list[float], angle_rad: float) -> np.ndarray:
     unit = np.array(axis) / np.linalg.norm(axis)
     return np.array([np.cos(angle_rad / 2), *(np.sin(angle_rad / 2) * unit)])
-
-
-@pytest.mark.parametrize("heading_rad", HEADINGS)
-def test_a_phone_in_the_hand_points_ahead(heading_rad: float) -> None:
-    assert float(phone_heading_rad(facing(heading_rad))) == pytest.approx(heading_rad)
 
 
 def test_transform_is_equation_one() -> None:

@@ -56,12 +56,6 @@ def test_nearness_is_walking_distance(stairs: Building) -> None:
     assert neighbours(stairs, BESIDE, 50.0) == [BESIDE]
 
 
-def test_nearness_is_symmetric(stairs: Building) -> None:
-    first, near = near_polygons(stairs, 2.0)
-    pairs = set(zip(np.repeat(np.arange(len(first) - 1), np.diff(first)).tolist(), near.tolist(), strict=True))
-    assert pairs == {(other, one) for one, other in pairs}
-
-
 @pytest.mark.parametrize("count", [1, 7, 60, 1500])
 def test_agrees_with_every_pair_looked_at(stairs: Building, rng: np.random.Generator, count: int) -> None:
     polygon, xy_m = stairs.sample_uniform(rng, count)
@@ -102,16 +96,6 @@ def test_sums_of_a_cluster(stairs: Building) -> None:
 def _sigma(xy_m: FloatArray, weight: IntArray) -> float:
     normed = weight / weight.sum()
     return math.sqrt(0.5 * (normed @ (xy_m - normed @ xy_m) ** 2).sum())
-
-
-def test_moves_and_permutes_with_the_cloud(stairs: Building, rng: np.random.Generator) -> None:
-    polygon, xy_m = stairs.sample_uniform(rng, 200)
-    weight = rng.random(200)
-    order = rng.permutation(200)
-    one = cluster(cloud_of(polygon, xy_m, weight), stairs, 0.5)
-    other = cluster(cloud_of(polygon[order], xy_m[order], weight[order]), stairs, 0.5)
-    assert (other.label == one.label[order]).all()
-    assert other.xy_m == pytest.approx(one.xy_m)
 
 
 def test_weights_of_any_size(stairs: Building) -> None:

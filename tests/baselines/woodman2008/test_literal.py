@@ -136,37 +136,12 @@ def test_prior_is_uniform_over_area_and_heading(stairs: Building, rng: np.random
     assert (stairs.contains(cloud.xy_m, stairs.level(cloud.polygon))).all()
 
 
-def test_known_heading_takes_a_36th_of_the_bins(hangar: Building, rng: np.random.Generator) -> None:
-    made = LiteralFilter(hangar, rng)
-    made.start(FloorRegion.whole(hangar))
-    everywhere = made.num_bins, made.num_particles
-    made.start(FloorRegion.whole(hangar), HeadingPrior(math.radians(5), math.radians(5)))
-    # W18: 1600 bins of 1 m2, ten particles for each; exp(-10) of the bins stay empty, 3 of 57 600
-    assert everywhere[0] == pytest.approx(36 * 1600, abs=12)
-    assert made.num_bins == pytest.approx(1600, abs=3)
-    assert everywhere[1] / made.num_particles == pytest.approx(
-        36, rel=0.08
-    )  # the bound of few bins is larger than in proportion
-
-
 def test_limits_of_the_number_of_particles(stairs: Building, rng: np.random.Generator) -> None:
     made = LiteralFilter(stairs, rng, WoodmanFilterParams(min_particles=10, max_particles=500))
     made.start(FloorRegion.whole(stairs))
     assert made.num_particles == 500
     made.start(spot(0, 3.0, 3.0), EAST)
     assert made.num_particles == 10
-
-
-def test_same_generator_same_bytes(hangar: Building) -> None:
-    clouds = []
-    for _ in range(2):
-        made = LiteralFilter(hangar, np.random.default_rng(5))
-        made.start(spot(0, 20.0, 20.0))
-        for _ in range(300):  # more generations than a stamp of the bins can distinguish
-            made.update(0.4, 0.0, 0.5)
-        clouds.append(made.cloud())
-    assert clouds[0].xy_m.tobytes() == clouds[1].xy_m.tobytes()
-    assert clouds[0].weight.tobytes() == clouds[1].weight.tobytes()
 
 
 def test_unsupported_options_are_errors(stairs: Building, rng: np.random.Generator) -> None:

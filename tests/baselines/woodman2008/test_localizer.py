@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.errors import PdrbenchError, UnknownNameError, UnsuitableError
+from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.filters import FilterError
 from pdrbench.geometry import wrap_rad
 from pdrbench.localizer import Briefing, Observation
@@ -123,12 +122,6 @@ def test_a_single_cluster_is_accepted_once_it_has_lasted(corridor: Building, rng
     assert first[3] == first[1] + 2
 
 
-def test_repeats_itself_between_strides(corridor: Building, rng: np.random.Generator) -> None:
-    localizer = begun(corridor, rng, at(1.0, 1.0))
-    estimate = localizer.step(stride(1.0))
-    assert localizer.step(Observation(1.2, {"stride": NO_STRIDE})) is estimate
-
-
 def test_one_scan_narrows_the_prior_down(corridor: Building, rng: np.random.Generator) -> None:
     briefing = brief(corridor, "stride", "wifi", survey=True)
     localizer = Woodman2008()
@@ -217,14 +210,6 @@ def test_survives_any_walk(corridor: Building, rng: np.random.Generator) -> None
     assert localizer.debug()["deaths"] > 0
 
 
-def test_debug_is_thinned(corridor: Building, rng: np.random.Generator) -> None:
-    localizer = begun(corridor, rng, None, debug_particles=1000)
-    found = localizer.debug()
-    assert found["num_particles"] > 20_000
-    assert 500 <= len(found["particles_xy_m"]) <= 1000
-    assert {len(found[name]) for name in found if name.startswith("particles_")} == {len(found["particles_level"])}
-
-
 def test_settings_that_cannot_be_are_refused(corridor: Building, rng: np.random.Generator) -> None:
     localizer = make_localizer("woodman2008?mode=literal&filter.max_particles=1000&cluster_eps_m=1.0")
     localizer.reset(brief(corridor, "stride"), rng)
@@ -237,17 +222,6 @@ def test_settings_that_cannot_be_are_refused(corridor: Building, rng: np.random.
         Woodman2008Params(cluster_eps_m=0.0)
     with pytest.raises(PdrbenchError, match="only the fast filter"):
         Woodman2008Params(mode="literal", learns_drift=True)
-
-
-def test_unsuitable_environments_are_declined(corridor: Building, rng: np.random.Generator) -> None:
-    with pytest.raises(UnsuitableError, match="needs the sensor 'stride'"):
-        Woodman2008().reset(brief(corridor, "wifi"), rng)
-    with pytest.raises(UnsuitableError, match="needs a building"):
-        Woodman2008().reset(brief(None, "stride"), rng)
-    with pytest.raises(FilterError, match=r"no floor polygon of level 0 .* within 0.5 m of \(-20.00, 1.00\)"):
-        begun(corridor, rng, at(-20.0, 1.0))
-    with pytest.raises(FilterError, match="no floor polygon of level 3"):
-        begun(corridor, rng, dataclasses.replace(at(1.0, 1.0), level=3))
 
 
 def test_learns_the_drift_of_a_walk(corridor: Building) -> None:

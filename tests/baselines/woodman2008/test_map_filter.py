@@ -261,20 +261,6 @@ def test_same_bytes_whatever_the_number_of_threads() -> None:
     assert len(digests.pop()) == len(hashlib.sha256().hexdigest())
 
 
-def test_same_generator_same_bytes_and_no_global_randomness(office: Building) -> None:
-    state = np.random.get_state()[1].copy()  # type: ignore[union-attr,index]  # noqa: NPY002
-    clouds = []
-    for _ in range(2):
-        particles = WoodmanFilter(office, np.random.default_rng(5))
-        particles.start(corridor_start(office))
-        for _ in range(5):
-            particles.update(0.4, 0.0, 0.1)
-        clouds.append(particles.cloud())
-    np.testing.assert_array_equal(clouds[0].xy_m, clouds[1].xy_m)
-    np.testing.assert_array_equal(clouds[0].weight, clouds[1].weight)
-    assert (state == np.random.get_state()[1]).all()  # type: ignore[index]  # noqa: NPY002
-
-
 def test_what_is_handed_over_once_is_that_of_every_stride(office: Building, rng: np.random.Generator) -> None:
     """The same bytes as handed over anew for each stride, with starts, many particles and settings in between."""
     kept, anew = (WoodmanFilter(office, np.random.default_rng(5)) for _ in range(2))
