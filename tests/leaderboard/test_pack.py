@@ -15,7 +15,7 @@ from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import Suite, suites
 
-from .conftest import ENV, NONCE, SECRET, STAY, card_named
+from .conftest import SECRET, STAY, card_named
 
 HERE = {"isolation": "none"}  # in this process, where isolation is not what is tested
 
@@ -89,33 +89,3 @@ def test_boards_rest_on_eight_held_out_walks_or_more() -> None:
             assert min(suite.held_out_walks, len(task.split(HELD_OUT))) >= 8, listed.env
             assert min(listed.walks, len(task.split("test"))) >= 6, listed.env
             assert suite.round_of(listed.env) not in map(commitment, suite.published)
-
-
-def test_a_localizer_that_draws_on_one_walk_only_draws(
-    small_suite: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Not on the walks that are tried first: one seed of it would be the luckiest."""
-    monkeypatch.setattr(pack, "PROBED_WALKS", 1)
-    path = tmp_path / "late.py"
-    start = make_task(ENV).load(small_suite.walks(ENV)[0]).streams["position"]
-    path.write_text(LATE.format(first=float(start.rows[0, 1])))
-    suite_run = play_suite([f"{path}:Late"], small_suite, nonce=NONCE, **HERE)[f"{path}:Late"]
-    seeds = {result.seed for result in suite_run.results[ENV]}
-    assert suite_run.deterministic == set() and seeds == {0, 1}
-
-
-LATE = """
-from pdrbench import Estimate
-
-
-class Late:
-    def reset(self, briefing, rng):
-        briefing.require(sensors=("position",))
-        self.rng, self.draws = rng, None
-
-    def step(self, observation):
-        if self.draws is None:
-            rows = observation["position"]
-            self.draws = None if not len(rows) else abs(rows[0, 1] - {first}) > 1e-9
-        return Estimate(xy_m=self.rng.normal(0.0, 1.0, 2) if self.draws else (0.0, 0.0), level=0)
-"""

@@ -20,7 +20,6 @@ from pdrbench_leaderboard.suites import OtherSecretError, Suite
 from pdrbench_leaderboard.verification import TIERS
 
 from .conftest import NONCE, SECRET, STAY, card_named
-from .test_verify import tampered
 
 PLACE = Path("Toy-v1") / STAY
 
@@ -87,16 +86,6 @@ def test_an_error_is_that_of_its_environment(
     write_entry(board, stays.entries()[0])
     monkeypatch.setattr(collection, "verify_environment", fails)
     assert run(*options)[1][str(PLACE)]["why"] == "the disk is full"
-
-
-def test_an_entry_that_differs_is_refused_and_stays_as_it_is(
-    stays: Bundle, board: Path, options: tuple[object, ...]
-) -> None:
-    write_entry(board, tampered(stays, run=1, change_m=5.0).entries()[0])
-    code, rows = run(*options)
-    walk = stays.manifest.environments[0].walks[1].walk
-    assert code == 1 and f"walk {walk}, seed 0: " in rows[str(PLACE)]["why"]
-    assert read_entry(board / PLACE).tier == "self-reported"
 
 
 def test_a_key_that_nobody_lists_and_a_secret_of_no_suite_are_errors(
