@@ -13,6 +13,7 @@ from pdrbench.evaluation import evaluate, score
 from pdrbench.inertial import to_world
 from pdrbench.inertial.quaternions import inverse, multiply
 from pdrbench.localizer import Briefing, Observation
+from pdrbench.registry import make_task
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.li2012.localizer import (
@@ -156,10 +157,11 @@ def test_extrapolation_removes_the_wait_for_the_next_step(alley: Building) -> No
 
 @pytest.mark.data
 def test_real_walks_in_a_mall(data_root: Path) -> None:
-    """The val walks of MallPhone-v2: 2.5 m with the map, 3.1 m without when this was written."""
+    """Six val walks of MallPhone-v2: 3.2 m with the map, 3.9 m without when this was written."""
+    walks = make_task("MallPhone-v2").split("val")[5::14]
     mean_m = {}
     for name in ("li2012?generic=true", "li2012?map=false"):
-        results = evaluate(name, "MallPhone-v2", split="val", isolation="none", seeds=1).results
+        results = evaluate(name, "MallPhone-v2", split="val", walks=walks, isolation="none", seeds=1).results
         mean_m[name] = np.mean([score(result)["mean_m"] for result in results])
-    assert mean_m["li2012?generic=true"] < 2.9
-    assert mean_m["li2012?generic=true"] < mean_m["li2012?map=false"]
+    assert mean_m["li2012?generic=true"] < 3.6
+    assert mean_m["li2012?generic=true"] < 0.9 * mean_m["li2012?map=false"]
