@@ -63,7 +63,7 @@ FOOT_INS_ROBUST: Final = FootInsParams(filter=FootParams())
 
 
 class FootIns:
-    """Navigates by the accelerometer and gyroscope of a shoe.
+    """Navigates by a shoe: zero-velocity updates with the settings of the papers.
 
     By default with nine states and a fixed threshold on the SHOE statistic: the settings of the literature (F7, W2).
 
@@ -191,7 +191,7 @@ class FootIns:
 
 
 class FootInsRobust(FootIns):
-    """The same by a filter with one set of settings for every gait and unit; see `FootParams`.
+    """Navigates by a shoe with one set of settings for any gait and unit; see `FootParams`.
 
     Zero velocities are soft, and doubted as far as the filter knows the foot to move; biases, scale and lag of the
     gyroscope, the clock and the range of the sensor are estimated on the way.

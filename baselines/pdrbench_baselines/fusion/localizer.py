@@ -45,7 +45,7 @@ class Hypothesis:
 
 
 class Fusion(NetworkLocalizer):
-    """Displacements of `learned` on the map, a radio map that extrapolates, and a cloud for every level.
+    """Phone with plan and WLAN: `learned` displacements, `gp_wifi` and particles for every level.
 
     Needs what `learned_map` needs, and takes the same sensors. Where the start is not known, the first scan puts a
     cloud on every level that the map does not join, by the radio map of `gp_wifi`; each scan says how likely each

@@ -87,7 +87,7 @@ GP_WIFI: Final = GpWifiParams()
 
 
 class GpWifi:
-    """Answers the mean of the likeliest level.
+    """WLAN by Gaussian processes over a survey; answers the mean of the likeliest level.
 
     The belief is a histogram over the places of the lattice and the offset of the device. Between scans it spreads as
     far as people walk; a scan multiplies it by the likelihood of what was received since the scan before. Before the

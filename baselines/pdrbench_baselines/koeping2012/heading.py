@@ -54,7 +54,7 @@ KOEPING_HEADING: Final = KoepingHeadingParams()
 
 
 class Koeping2012Heading:
-    """Particles with a place and a velocity, that is heading and speed; walls end them, as in Woodman & Harle 2008.
+    """Particles on a plan with heading and speed; walls end them, as in Woodman & Harle 2008.
 
     An inertial system that drifts has a wrong place but nearly right displacements: z_k - z_(k-1) is the displacement
     of the walker plus N(0, q dt) per axis, exactly so where its offset walks at random. That is a measurement of the

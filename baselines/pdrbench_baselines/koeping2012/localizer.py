@@ -73,7 +73,7 @@ KOEPING: Final = KoepingParams()
 
 
 class Koeping2012:
-    """The paper to the letter: a state of x and y (3), a uniform start on the floor, no start or heading asked for.
+    """Particles on a plan, as in Köping et al. 2012: x and y (3), a uniform start, no heading asked for.
 
     Every update moves every particle by an entry of the movement table, weighs it by the observed position under a
     Gaussian of growing variance, and draws N particles in proportion to the weights, in time linear in N.

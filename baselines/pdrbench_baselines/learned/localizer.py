@@ -144,7 +144,7 @@ class Learned(NetworkLocalizer):
 
 
 class LearnedMap(NetworkLocalizer):
-    """The same on a map: its displacements and their covariance drive particles that walls kill.
+    """Particles on the plan that follow the displacements of `learned` and their covariance.
 
     Where the level has a radio survey, scans choose between them. The start may be unknown then: the first scan
     gives one, and until it comes the answer is the middle of the survey.

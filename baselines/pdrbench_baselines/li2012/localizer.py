@@ -98,7 +98,7 @@ LI2012: Final = Li2012Params()
 
 
 class Li2012:
-    """Steps, headings, and a particle filter over places and step models.
+    """Phone steps and headings; particles over places and step models (Li et al. 2012).
 
     Where changes of level are offered (`level_change`), the level is theirs: particles go where stairs or lifts are.
 

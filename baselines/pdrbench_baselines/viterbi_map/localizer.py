@@ -48,7 +48,7 @@ VITERBI_MAP: Final = ViterbiMapParams()
 
 
 class ViterbiMap(LearnedMap):
-    """`learned_map` with survivors of a Viterbi search in place of particles; needs the same.
+    """`learned` displacements on the plan by a Viterbi search; needs what `learned_map` needs.
 
     Args:
         params: See `ViterbiMapParams`.
