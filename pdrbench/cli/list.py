@@ -54,6 +54,8 @@ def _print_items(
     for item in items:
         if item["broken"]:
             note(f"broken: {item['id']}: {item['broken']}")
+        elif item.get("note"):
+            note(f"{item['id']}: {item['note']}")
     if missing := sorted({str(item["dataset"]) for item in rows if item.get("missing")}):
         note(f"recorded data is missing: {', '.join(missing)}; `pdrbench data fetch NAME` gets it or says how")
     return None
@@ -200,7 +202,7 @@ def _environment_row(item: Item) -> list[str]:
         availability if item["available"] else "missing",
         str(item.get("splits", {}).get("test", "")),
         item.get("start", ""),
-        "; ".join(filter(None, (item.get("summary", "").removesuffix("."), item.get("note", "")))),
+        item.get("summary", "").removesuffix("."),
     ]
 
 

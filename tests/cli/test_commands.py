@@ -200,7 +200,7 @@ def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pyt
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name, secret=None: task)
     outcome = command("run", "stay", "OfficeStride-v2", "--walks", 1)
     assert outcome.code == 0 and "OfficeStride-v2: not the registered data" in outcome.err.splitlines()
-    assert "known; not the registered data" in " ".join(command("list", "envs").out.split())
+    assert "OfficeFoot-v2: not the registered data" in command("list", "envs").err.splitlines()
 
 
 @pytest.mark.data

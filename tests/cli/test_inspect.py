@@ -136,14 +136,11 @@ def test_nothing_is_overwritten_and_the_kind_of_file_is_asked_for(command: Any, 
 @pytest.mark.parametrize(
     ("pattern", "kind"),
     [
-        ("foot_loops/*/data_inert.txt", "foot_loops"),
-        ("foot_short/*.csv", "foot_short"),
         ("foot_vicon/data/*.mat", "foot_vicon"),
         ("foot_stride_gcp/gcp_labelled/*.mat", "foot_stride_gcp"),
         ("wifi_fingerprints/*.mat", "wifi_fingerprints"),
         ("ilc20/site1", "ilc20_map"),
         ("ilc20/*/*/path_data_files/*", "ilc20"),
-        ("phone_steps/data/*", "phone_steps"),
     ],
 )
 def test_recorded_sets_are_distinguished(data_root: Path, pattern: str, kind: str) -> None:

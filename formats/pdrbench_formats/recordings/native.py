@@ -7,6 +7,13 @@
 
 Arrays are mapped into memory, not read, and reach the recording without a copy. Round trips are exact. Nothing in such
 a folder is ever unpickled.
+
+App: pdrbench.
+Files: A folder that `pdrbench convert` wrote.
+Sensors: Any, with the reference and the building.
+Units: Those of pdrbench.
+Clock: Seconds from the start of the walk.
+Traps: A folder without `recording.json` was not written to its end.
 """
 
 from __future__ import annotations
