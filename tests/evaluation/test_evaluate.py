@@ -258,15 +258,15 @@ def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch:
 
 
 def test_only_the_walks_played_are_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has 203 walks, whose digests nothing has pinned."""
+    """Of 203."""
     loads = tmp_path / "loads"
     monkeypatch.setenv("CORRIDOR_LOADS", str(loads))
     pool.discard()  # processes of an earlier test would not see the variable
-    results = evaluate("stay", "CorridorUnpinned-v0", walks=2, jobs=2, out=tmp_path / "out", seeds=1)
+    results = evaluate("stay", ENV, walks=2, jobs=2, out=tmp_path / "out", seeds=1)
     assert set(results.walks()["walk"]) == {"test-000", "test-001"}
     loaded = [line.split()[0] for line in loads.read_text().splitlines()]
     assert Counter(loaded) == {"test-000": 2, "test-001": 2}  # for the walk and the score
-    assert evaluate("stay", "CorridorUnpinned-v0", walks=2, out=tmp_path / "out", seeds=1).results[0].status == COMPLETE
+    assert evaluate("stay", ENV, walks=2, out=tmp_path / "out", seeds=1).results[0].status == COMPLETE
     other = dataclasses.replace(results.results[0], provenance={"files_sha256": "0" * 64})
     with pytest.raises(ResultError, match="files with the digest 000000000000, the present one"):
         score(other)

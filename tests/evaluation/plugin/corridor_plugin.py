@@ -16,7 +16,6 @@ from pdrbench.trajectory import Start, Trajectory
 ENVIRONMENTS = {
     "Corridor-v0": "corridor_plugin:task",
     "CorridorLost-v0": "corridor_plugin:lost_task",
-    "CorridorUnpinned-v0": "corridor_plugin:unpinned_task",
 }
 LOCALIZERS: dict[str, str] = {}
 WALKS = {
@@ -64,10 +63,6 @@ def task() -> Task:
 
 def lost_task() -> Task:
     return dataclasses.replace(task(), id="CorridorLost-v0", start="unknown", note="the start is not known")
-
-
-def unpinned_task() -> Task:
-    return dataclasses.replace(task(), id="CorridorUnpinned-v0")
 
 
 def note_load(walk: str) -> None:
