@@ -10,7 +10,7 @@ does not apply to a walk, takes the walk out; an infinite value, a time of what 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from types import MappingProxyType
@@ -24,6 +24,8 @@ from pdrbench.geometry import FloatArray, IntArray
 MIN_UNITS: Final = 4  # with three, an interval that holds is over twice as wide as one with a known spread
 CONFIDENCE: Final = 0.95
 CHUNK: Final = 2_000_000  # signs at a time: bounds memory, changes nothing
+EXACT_UNITS: Final = 20  # most units for all patterns of signs; more are drawn
+DRAWS: Final = 100_000  # of patterns: the smallest p-value, 1e-5, times 435 pairs of 30 entries is still below 0.01
 
 Units = Sequence[str] | Sequence[int] | IntArray
 Better = Literal["lower", "higher"]
@@ -82,10 +84,11 @@ def mean_interval(
     weight = np.ones(len(array)) if weights is None else np.asarray(weights, dtype=np.float64)
     if array.ndim == 1:
         weight = np.where(np.isnan(array), 0.0, weight)
-    found = _weighted_mean(array, weight, _codes(units, len(array)), confidence)
+    found = weighted_mean(array, weight, unit_codes(units, len(array)))
     if found is None:
         return (np.full(array.shape[1:], math.nan),) * 2
-    return _ends(*found, _scale_of(array[weight > 0], scale))
+    average, error, degrees = found
+    return _ends(average, error, student(degrees, confidence), _scale_of(array[weight > 0], scale))
 
 
 def quantile_interval(
@@ -109,12 +112,12 @@ def quantile_interval(
     count = np.array([len(of) for of in samples], dtype=np.float64)
     place = _place(quantile, len(pooled))
     below = np.array([float(np.mean(of <= pooled[place])) if len(of) else 0.0 for of in samples])
-    found = _weighted_mean(below, count, _codes(units, len(samples)), confidence)
+    found = weighted_mean(below, count, unit_codes(units, len(samples)))
     if found is None:
         return math.nan, math.nan
-    _, error, t = found
+    _, error, degrees = found
     error = np.maximum(error, math.sqrt(quantile * (1 - quantile) / len(pooled)))
-    low, high = _ends(np.asarray(quantile), error, t, "fraction")
+    low, high = _ends(np.asarray(quantile), error, student(degrees, confidence), "fraction")
     return float(pooled[_place(float(low), len(pooled))]), float(pooled[_place(float(high), len(pooled))])
 
 
@@ -150,8 +153,8 @@ def sign_flip_p(
     units: Units | None = None,
     *,
     rng: np.random.Generator,
-    exact_units: int = 20,
-    draws: int = 100_000,
+    exact_units: int = EXACT_UNITS,
+    draws: int = DRAWS,
 ) -> FloatArray:
     """Two-sided p-value of the paired permutation test: under no difference every sign is as likely as its opposite.
 
@@ -173,21 +176,58 @@ def sign_flip_p(
     sums, count = _unit_sums(differences, units)
     if not sums.size:
         return np.full(np.shape(differences)[1:], math.nan)
-    size = np.abs(sums).sum(axis=0)
-    least = np.abs(sums.sum(axis=0)) - 1e-12 * size  # rounding must not break ties
-    is_exact = len(sums) <= exact_units
-    patterns = 2 ** (len(sums) - 1) if is_exact else draws  # turning all signs changes no sum's size
-    rows = max(1, CHUNK // max(len(sums), sums[0].size))
-    reached = np.zeros(sums.shape[1:])
+    least = _least(sums)
+    reached, patterns = np.zeros(sums.shape[1:]), 0
+    for signs in _sign_patterns(len(sums), sums[0].size, rng, exact_units, draws):
+        reached += np.count_nonzero(np.abs(signs @ sums) >= least, axis=0)
+        patterns += len(signs)
+    p = reached / patterns if len(sums) <= exact_units else (1 + reached) / (1 + patterns)
+    return np.where(count.sum(axis=0) > 0, p, math.nan)
+
+
+def sign_flip_pairs_p(
+    sums: FloatArray, *, rng: np.random.Generator, exact_units: int = EXACT_UNITS, draws: int = DRAWS
+) -> FloatArray:
+    """(M,) p-values of `sign_flip_p` for all M = N (N - 1) / 2 pairs of N localizers, in the order of `combinations`.
+
+    Flipped sums of differences are differences of flipped sums, so that the cost of a pattern grows with N K and not
+    with M K.
+
+    Args:
+        sums: (K, N) sum over the walks of each unit.
+        rng: Draws the patterns, the same for all pairs.
+        exact_units: Most units for all patterns.
+        draws: Random patterns beyond.
+    """
+    first, second = np.triu_indices(sums.shape[1], 1)
+    least = _least(sums[:, first] - sums[:, second])
+    reached, patterns = np.zeros(len(first)), 0
+    for signs in _sign_patterns(len(sums), len(first), rng, exact_units, draws):
+        flipped = (signs @ sums).T
+        for pair in range(len(first)):
+            reached[pair] += np.count_nonzero(np.abs(flipped[first[pair]] - flipped[second[pair]]) >= least[pair])
+        patterns += len(signs)
+    return reached / patterns if len(sums) <= exact_units else (1 + reached) / (1 + patterns)
+
+
+def _least(sums: FloatArray) -> FloatArray:
+    """What a flipped sum has to reach: (K, ...) -> (...); rounding must not break ties."""
+    return np.asarray(np.abs(sums.sum(axis=0)) - 1e-12 * np.abs(sums).sum(axis=0))
+
+
+def _sign_patterns(
+    num_units: int, num_pairs: int, rng: np.random.Generator, exact_units: int, draws: int
+) -> Iterator[FloatArray]:
+    """(n, K) signs, some at a time: all patterns up to `exact_units` units, else random ones."""
+    is_exact = num_units <= exact_units
+    patterns = 2 ** (num_units - 1) if is_exact else draws  # turning all signs changes no sum's size
+    rows = max(1, CHUNK // max(num_units, num_pairs))
     for begun in range(0, patterns, rows):
         number = np.arange(begun, min(begun + rows, patterns))
         if is_exact:
-            signs = 1.0 - 2.0 * (number[:, None] >> np.arange(len(sums)) & 1)
+            yield 1.0 - 2.0 * (number[:, None] >> np.arange(num_units) & 1)
         else:
-            signs = 1.0 - 2.0 * rng.integers(0, 2, size=(len(number), len(sums)), dtype=np.int8)
-        reached += np.count_nonzero(np.abs(signs @ sums) >= least, axis=0)
-    p = reached / patterns if is_exact else (1 + reached) / (1 + patterns)
-    return np.where(count.sum(axis=0) > 0, p, math.nan)
+            yield 1.0 - 2.0 * rng.integers(0, 2, size=(len(number), num_units), dtype=np.int8)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:
@@ -299,7 +339,7 @@ def over_seeds(values: ArrayLike, statistic: Statistic) -> FloatArray:
     return np.array(rows)
 
 
-def _codes(units: Units | None, count: int) -> IntArray:
+def unit_codes(units: Units | None, count: int) -> IntArray:
     """(W,) number of the unit of each walk."""
     if units is None:
         return np.arange(count)
@@ -309,21 +349,18 @@ def _codes(units: Units | None, count: int) -> IntArray:
     return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
-def _weighted_mean(
-    values: FloatArray, weight: FloatArray, code: IntArray, confidence: float
+def weighted_mean(
+    values: FloatArray, weight: FloatArray, code: IntArray
 ) -> tuple[FloatArray, FloatArray, float] | None:
-    """Mean, its standard error and the quantile of Student's t for it; None below `MIN_UNITS` units. `mean_interval`.
+    """Mean, its standard error and degrees of freedom, as `mean_interval` has them; None below `MIN_UNITS` units.
 
     Args:
         values: (W,) or (W, M); not looked at where the weight is 0.
         weight: (W,).
         code: (W,) number of the unit.
-        confidence: Two-sided.
     """
     if values.shape[:1] != weight.shape or values.ndim > 2:
         raise ValueError(f"expected one value per walk, shape (W,); got {values.shape}: average over seeds first")
-    from scipy.special import stdtrit
-
     names, member = np.unique(code[weight > 0], return_inverse=True)
     if len(names) < MIN_UNITS:
         return None
@@ -339,7 +376,14 @@ def _weighted_mean(
     covariance = (covariance + np.outer(of_unit, of_unit) * squares.sum()) / np.sqrt(np.outer(1 - of_unit, 1 - of_unit))
     degrees = np.trace(covariance) ** 2 / np.sum(covariance**2)
     error = np.sqrt((1 / (1 - of_unit)) @ residual**2)
-    return average, np.asarray(error), float(stdtrit(degrees, (1 + confidence) / 2))
+    return average, np.asarray(error), float(degrees)
+
+
+def student(degrees: float, confidence: float = CONFIDENCE) -> float:
+    """Quantile of Student's t that holds so much of both sides; NaN for degrees of freedom that are."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(degrees, (1 + confidence) / 2))
 
 
 def _ends(mean_of: FloatArray, error: FloatArray, t: float, scale: Scale) -> tuple[FloatArray, FloatArray]:
@@ -370,6 +414,6 @@ def _place(quantile: float, count: int) -> int:
 def _unit_sums(differences: ArrayLike, units: Units | None) -> tuple[FloatArray, FloatArray]:
     """(K, ...) sums and numbers of the differences of each unit, the NaN left out."""
     array = np.asarray(differences, dtype=np.float64)
-    code = _codes(units, len(array))
+    code = unit_codes(units, len(array))
     is_member = (code == np.arange(code.max(initial=-1) + 1)[:, None]).astype(np.float64)
     return is_member @ np.where(np.isnan(array), 0.0, array), is_member @ ~np.isnan(array)
