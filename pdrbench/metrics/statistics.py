@@ -225,9 +225,10 @@ def _sign_patterns(
     for begun in range(0, patterns, rows):
         number = np.arange(begun, min(begun + rows, patterns))
         if is_exact:
-            yield 1.0 - 2.0 * (number[:, None] >> np.arange(num_units) & 1)
+            signs = number[:, None] >> np.arange(num_units) & 1
         else:
-            yield 1.0 - 2.0 * rng.integers(0, 2, size=(len(number), num_units), dtype=np.int8)
+            signs = rng.integers(0, 2, size=(len(number), num_units), dtype=np.int8)
+        yield np.asarray(1.0 - 2.0 * signs, dtype=np.float64)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:

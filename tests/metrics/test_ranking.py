@@ -76,7 +76,7 @@ def test_a_missing_walk_counts_with_the_worst_answer_there_and_with_its_own_wors
     values = {"stay": [30.0, 40.0, 50.0, 60.0], "good": [3.0, 4.0, 2.0, 2.0], "picky": [1.0, NONE, 1.0, 1.0]}
     found = ranked(values)
     picky = standing(found, "picky")
-    assert (picky.walks, picky.of, picky.score_m) == (3, 4, pytest.approx(40.0**0.25))
+    assert (picky.walks, picky.of) == (3, 4) and picky.score_m == pytest.approx(40.0**0.25)
     assert found.standings[found.best].name != "picky", "the best has played every walk"
     proud = ranked({"good": [3.0, 4.0, 2.0, 2.0], "proud": [9.0, NONE, 1.0, 1.0]})
     assert standing(proud, "proud").score_m == pytest.approx(81.0**0.25), "no answer there is as bad as its own worst"
@@ -111,7 +111,7 @@ def test_few_people_are_named_and_their_walks_counted() -> None:
     one = ranked({"a": WALK_M, "b": 1.5 * WALK_M * JITTER[0]}, units=[0] * 30)
     assert one.by_walk == {"Env-v1"} and one.num_units == {"Env-v1": 1}
     assert one.standings[1].p_holm < 0.01
-    four = ranked({"a": WALK_M, "b": 1.5 * WALK_M * JITTER[0]}, units=np.arange(30) % 4)
+    four = ranked({"a": WALK_M, "b": 1.5 * WALK_M * JITTER[0]}, units=[walk % 4 for walk in range(30)])
     assert not four.by_walk and four.standings[1].p_holm == 0.125, "four people cannot tell"
     assert four.standings[1].ratio_low > 1.3, "their interval is another question"
 
@@ -158,9 +158,9 @@ def test_intervals_and_ranks_cover(units: int) -> None:
         shared, own = rng.normal(size=(1, units)), rng.normal(size=(4, units))
         logs = np.repeat(shared + 0.4 * own, 2, axis=1) + 0.3 * rng.normal(size=(4, 2 * units))
         values = {str(row): np.exp(of) for row, of in enumerate(logs)}
-        found = ranked(values, units=np.repeat(np.arange(units), 2), draws=800)
+        found = ranked(values, units=[walk // 2 for walk in range(2 * units)], draws=800)
         ends = [found.pairs.ratio(i, j)[1:] for i, j in itertools.combinations(range(4), 2)]
         held.append(np.mean([low <= 1.0 <= high for low, high in ends]))
         no_false += all(of.rank == (1, 4) for of in found.standings)
     assert 0.93 - 0.022 <= np.mean(held) <= 0.97 + 0.022
-    assert 0.93 - 0.022 <= no_false / 400
+    assert no_false / 400 >= 0.93 - 0.022
