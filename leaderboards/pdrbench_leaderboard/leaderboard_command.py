@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
-from pdrbench.cli.options import Jobs
+from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
-from pdrbench.errors import ResultError
+from pdrbench.errors import BundleError, ResultError
 
 if TYPE_CHECKING:
     from http.server import ThreadingHTTPServer
@@ -20,6 +21,91 @@ app.add_typer(keys, name="key")
 
 HOST: Final = "127.0.0.1"  # reachable from this machine only
 Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <env>/<localizer>/.")]
+
+
+@app.command("run")
+def run(
+    board: Annotated[list[str] | None, typer.Argument(metavar="[BOARD]...", show_default="all")] = None,
+    localizer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LOCALIZER",
+            help="Registered id, path/to/file.py:Class or path/to/folder; repeat for several.",
+            show_default="every entry, and every localizer of pdrbench",
+        ),
+    ] = None,
+    card: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", dir_okay=False, help="card.toml of the localizer, where it brings none."),
+    ] = None,
+    round_number: Annotated[
+        int | None,
+        typer.Option("--round", min=0, metavar="N", help="Held-out walks of which round.", show_default="the newest"),
+    ] = None,
+    secret: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", dir_okay=False, help="Secret of the round, where it is not published."),
+    ] = None,
+    part: Annotated[
+        Literal["public", "held-out"] | None,
+        typer.Option(metavar="PART", help="Only public or only held-out walks.", show_default="both"),
+    ] = None,
+    root: Root = Path("leaderboards"),
+    work: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", file_okay=False, help="Keep drawn walks and answers here.", show_default="in the cache"
+        ),
+    ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
+    isolation: Annotated[
+        Literal["process", "confined", "none"] | None,
+        typer.Option(
+            metavar="KIND", help="What localizers run in.", show_default="process, confined where not registered"
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Play every entry on every board, public and held-out walks; what is done already is skipped."""
+    with answer_only(as_json):
+        from pdrbench.datasets import cache_folder
+        from pdrbench_leaderboard.boards import PARTS, chosen_boards, find_round
+        from pdrbench_leaderboard.run import Settings
+        from pdrbench_leaderboard.run import run as run_boards
+
+        of_round = find_round(round_number)
+        settings = Settings(
+            root=root,
+            work=work or cache_folder() / "boards" / f"round-{of_round.number}",
+            round=of_round,
+            secret=None if secret is None else read_secret(secret),
+            jobs=jobs,
+            scheduler=scheduler,
+            parts=PARTS if part is None else (part,),
+            isolation=isolation,
+            progress=True,
+        )
+        rows = []
+        for outcome in run_boards(chosen_boards(board or ()), localizer or (), settings, card=card):
+            rows.append(dataclasses.asdict(outcome))
+            said = (
+                outcome.why
+                or f"{len(outcome.played)} played, {len(outcome.kept)} done before, {len(outcome.declined)} declined"
+            )
+            note(f"{outcome.board}  {outcome.env}, {outcome.part}: {said}")
+    if as_json:
+        print_json({"parts": rows})
+    else:
+        say(f"{root} holds what came of it; `pdrbench leaderboard build` makes tables and pages")
+
+
+def read_secret(path: Path) -> str:
+    """The secret in a file."""
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BundleError(f"cannot read the secret in {path}: {type(error).__name__}") from None
 
 
 @app.command("build")

@@ -29,6 +29,10 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
 Read = TypeVar("Read")
 
 
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Part of a file that strangers send."""
+
+
 def read_json(content: bytes, kind: type[Read], what: str) -> Read:
     """A record from JSON; raises `BundleError` that says what is wrong with `what`."""
     try:

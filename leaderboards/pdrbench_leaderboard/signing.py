@@ -17,8 +17,7 @@ from typing import Annotated, Any, Final
 import msgspec
 
 from pdrbench.errors import BundleError, ResultError
-from pdrbench_leaderboard.manifest import Record
-from pdrbench_leaderboard.schema import Line, Name, read_json, read_limited, read_toml, write_json
+from pdrbench_leaderboard.schema import Line, Name, Record, read_json, read_limited, read_toml, write_json
 
 KEYS_FILE: Final = "keys.toml"
 CONTEXT: Final = b"pdrbench verification 1\n"  # signed before the text: a signature is of nothing else

@@ -19,6 +19,8 @@ from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 MAGIC: Final = b"PDE1"
 CONVERGED: Final = ESTIMATE_COLUMNS.index("converged")
 SCALE: Final = np.array([1e4, 1e4, 1.0, 1e4, 1e4, 1.0])  # 0.1 mm, whole levels, 0.1 mrad
+# Steps of what boards keep: 5 mm, whole levels, 0.1 mrad, 5 cm of a claimed sigma
+COARSE: Final = np.array([200.0, 200.0, 1.0, 1e4, 20.0, 1.0])
 MAX_ROWS: Final = 1_000_000
 MAX_PLANES: Final = 8  # bytes of a whole number
 MAX_WHOLE: Final = 2**53  # beyond which float64 skips whole numbers: 9e11 m
@@ -29,11 +31,16 @@ MAX_BYTES: Final = 8 * MAX_ROWS
 Whole = NDArray[np.int64]
 
 
-def whole_numbers(estimates: Estimates) -> Whole:
-    """(6, N) the columns in steps of what is stored; beyond 9e11 m, that much is kept."""
+def whole_numbers(estimates: Estimates, scale: FloatArray = SCALE) -> Whole:
+    """(6, N) the columns in steps of what is stored; beyond 9e11 m, that much is kept.
+
+    Args:
+        estimates: N of them.
+        scale: (6,) steps in a unit, by column.
+    """
     columns = estimates.columns
     with np.errstate(over="ignore", invalid="ignore"):
-        scaled = np.clip(np.rint(columns * SCALE[:, None]), -MAX_WHOLE, MAX_WHOLE)
+        scaled = np.clip(np.rint(columns * scale[:, None]), -MAX_WHOLE, MAX_WHOLE)
     whole = np.where(np.isfinite(columns), scaled, 0.0).astype(np.int64)
     whole[np.isnan(columns)] = NAN
     whole[columns == np.inf] = PLUS
@@ -41,9 +48,9 @@ def whole_numbers(estimates: Estimates) -> Whole:
     return whole
 
 
-def from_whole_numbers(whole: Whole, t_s: FloatArray) -> Estimates:
-    """The rounded estimates, given at (N,) times."""
-    columns = np.where(np.abs(whole) <= MAX_WHOLE, whole, 0).astype(np.float64) / SCALE[:, None]
+def from_whole_numbers(whole: Whole, t_s: FloatArray, scale: FloatArray = SCALE) -> Estimates:
+    """The rounded estimates, given at (N,) times; `scale` is that of `whole_numbers`."""
+    columns = np.where(np.abs(whole) <= MAX_WHOLE, whole, 0).astype(np.float64) / scale[:, None]
     columns[whole == NAN] = np.nan
     columns[whole == PLUS] = np.inf
     columns[whole == MINUS] = -np.inf

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
@@ -24,6 +24,7 @@ def score(
     reset_s: float | None = None,
     missing: Mapping[str, int] | None = None,
     peak_mb: float | None = None,
+    names: Collection[str] | None = None,
 ) -> dict[str, float]:
     """Scores one walk by every metric of `METRICS`; NaN where one does not apply, infinite a time that never came.
 
@@ -38,6 +39,7 @@ def score(
         reset_s: Wall time of `reset`, or None.
         missing: Count by reason of answers that count as missing, or None.
         peak_mb: Peak memory in 10^6 bytes, or None.
+        names: Metrics that are wanted; None: all.
     """
     inputs = {
         "held": hold_at(estimates, reference.t_s, fallback),
@@ -52,7 +54,8 @@ def score(
         "peak_mb": peak_mb,
     }
     scores = {}
-    for name, metric in METRICS.items():
+    for name in METRICS if names is None else names:
+        metric = METRICS[name]
         module, _, function = metric.target.partition(":")
         compute = getattr(importlib.import_module(module), function)
         scores[name] = float(compute(*(inputs[taken] for taken in metric.takes), **metric.constants))

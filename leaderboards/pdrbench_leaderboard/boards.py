@@ -1,0 +1,136 @@
+"""Boards: which environments an entry is played on, and the secrets behind their held-out walks."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib.resources import files as package_files
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from pdrbench.datasets import is_available
+from pdrbench.errors import BundleError, unknown_name
+from pdrbench.registry import make_task
+from pdrbench.task import HELD_OUT, commitment
+from pdrbench_leaderboard.schema import Line, Name, Record, Sha256
+
+BOARDS_FILE: Final = "boards.toml"
+Part = Literal["public", "held-out"]
+PARTS: Final[tuple[Part, ...]] = ("public", "held-out")
+Count = Annotated[int, msgspec.Meta(ge=1)]
+
+
+class OtherSecretError(BundleError):
+    """A secret that is not the one of a round."""
+
+
+class BoardEnvironment(Record, frozen=True, kw_only=True):
+    """What a board takes of one environment."""
+
+    env: Name  # id, with its version
+    noise_m: Annotated[float, msgspec.Meta(ge=0)]  # error of the reference: no walk counts as better
+    walks: Count | None = None  # first so many of the public test split; None: all
+    held_out_walks: Count | None = None  # likewise
+
+    @property
+    def is_generated(self) -> bool:
+        """Whether its walks are generated, so that a secret makes others; recorded ones are replayed."""
+        return make_task(self.env).held_out is not None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Parts that are played: of recorded walks the replays only, which count as held out."""
+        return PARTS if self.is_generated else ("held-out",)
+
+    @property
+    def has_data(self) -> bool:
+        """Whether the recorded data that it needs is found."""
+        dataset = make_task(self.env).dataset
+        return dataset is None or is_available(dataset)
+
+    def walks_of(self, part: Part, secret: str) -> tuple[str, ...]:
+        """Ids of the walks of a part, in the order of their split."""
+        if part == "public":
+            return make_task(self.env).split("test")[: self.walks]
+        return make_task(self.env, secret).split(HELD_OUT)[: self.held_out_walks]
+
+
+class Board(Record, frozen=True, kw_only=True):
+    """Environments whose results rank together."""
+
+    name: Name = ""
+    title: Line
+    summary: Line  # one sentence
+    lost_m: Annotated[float, msgspec.Meta(gt=0)]  # a walk is lost where its third quartile is above it
+    environments: tuple[BoardEnvironment, ...]
+
+    def environment(self, env: str) -> BoardEnvironment:
+        """What the board takes of an environment; raises `UnknownNameError` where it takes nothing."""
+        for listed in self.environments:
+            if listed.env == env:
+                return listed
+        raise unknown_name(f"environment of the board {self.name}", env, [listed.env for listed in self.environments])
+
+
+class Round(Record, frozen=True, kw_only=True):
+    """The held-out walks of some releases."""
+
+    number: Annotated[int, msgspec.Meta(ge=0)]
+    secret: str = ""  # once it is published
+    commitment: Sha256 | None = None  # of the secret; needed until then
+
+    @property
+    def sha256(self) -> str:
+        """What is published of the secret."""
+        return commitment(self.secret) if self.secret else str(self.commitment)
+
+    def secret_of(self, given: str | None) -> str:
+        """The secret: the published one, or that which is given.
+
+        Raises:
+            OtherSecretError: None is given, or another.
+        """
+        if given is None and not self.secret:
+            raise OtherSecretError(f"the secret of round {self.number} is not published: name its file with --secret")
+        if given is not None and commitment(given) != self.sha256:
+            raise OtherSecretError(f"this is not the secret of round {self.number}: its sha256 differs")
+        return given or self.secret
+
+
+class _File(Record, frozen=True):
+    boards: dict[Name, Board]
+    rounds: tuple[Round, ...]
+
+
+@functools.cache
+def _file() -> _File:
+    content = package_files("pdrbench_leaderboard").joinpath(BOARDS_FILE).read_text(encoding="utf-8")
+    return msgspec.convert(tomllib.loads(content), _File)
+
+
+def boards() -> Mapping[str, Board]:
+    """Every board by name, in the order of the pages."""
+    return {name: msgspec.structs.replace(board, name=name) for name, board in _file().boards.items()}
+
+
+def find_board(name: str) -> Board:
+    """The board of this name; raises `UnknownNameError`."""
+    if name not in boards():
+        raise unknown_name("board", name, boards())
+    return boards()[name]
+
+
+def chosen_boards(names: Sequence[str]) -> list[Board]:
+    """Boards by name, each once; all where none is named."""
+    return [find_board(name) for name in dict.fromkeys(names or boards())]
+
+
+def find_round(number: int | None = None) -> Round:
+    """A round by its number, the newest where there is none; raises `BundleError`."""
+    rounds = {of.number: of for of in _file().rounds}
+    number = max(rounds) if number is None else number
+    if number not in rounds:
+        raise BundleError(f"there is no round {number}; rounds: {', '.join(map(str, sorted(rounds)))}")
+    return rounds[number]

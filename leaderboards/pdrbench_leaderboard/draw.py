@@ -1,0 +1,295 @@
+"""Draw: of the walks of a board, what a localizer may see, and apart from it what only scoring may.
+
+A drawn part is two folders of plain files. `observations` can be played anywhere: it is a task without references,
+whose walks have names that say nothing. `truth` stays with whoever scores. Neither holds the secret.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import hmac
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.errors import ResultError
+from pdrbench.evaluation.origin import environment_version, package_sha256, versions
+from pdrbench.evaluation.progress import reporting
+from pdrbench.evaluation.randomness import secret_nonce
+from pdrbench.evaluation.store import make_folder, write_whole
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing
+from pdrbench.process.serialise import decoder, encoder
+from pdrbench.recording import Recording, SensorSpec, SensorStream
+from pdrbench.registry import environment_packages, make_task
+from pdrbench.result import COMPLETE
+from pdrbench.task import StartKnowledge, Task
+from pdrbench.trajectory import Start, Trajectory
+from pdrbench_leaderboard.boards import BoardEnvironment, Part
+
+OBSERVATIONS, TRUTH, INDEX_FILE, TASK_FILE = "observations", "truth", "index", "task.py"
+SUFFIX: Final = ".walk"
+LEVEL: Final = 1  # of zlib: a fifth of the time of level 6 for a tenth more bytes
+NAME_DIGITS: Final = 16
+FREQUENCY_HZ: Final = 1.0  # at most so many scored moments
+# Makes the folder an environment for `evaluate`, as any file with a function is
+TASK_SOURCE: Final = '''"""Walks of a board without their references."""
+
+from pathlib import Path
+
+from pdrbench_leaderboard.draw import drawn_task
+
+INDEX_SHA256 = "{sha256}"  # no two of these files are alike
+
+
+def task():
+    return drawn_task(Path(__file__).parent)
+'''
+
+
+class DrawnWalk(msgspec.Struct, array_like=True, frozen=True):
+    """What a localizer may see of a walk."""
+
+    briefing: Briefing
+    rows: dict[str, FloatArray]  # (T, C) of each sensor
+    end_s: float
+
+
+class Index(msgspec.Struct, frozen=True):
+    """What is the same for all walks of a drawn part."""
+
+    env: str
+    made_by: str  # versions of what drew it
+    nonce: str  # of the localizers' randomness
+    sensors: tuple[SensorSpec, ...]
+    capacity: dict[str, int]
+    period_s: float
+    start: StartKnowledge
+    walks: dict[str, str]  # sha256 of the file of each, by name
+
+
+class Truth(msgspec.Struct, array_like=True, frozen=True):
+    """What only scoring may see of a walk."""
+
+    reference: Trajectory  # moments that are scored, one a second at most
+    building: Building | None
+    fallback: Start  # where the pedestrian counts as being before the first answer
+    unit: str
+    group: str
+    duration_s: float
+    diagonal_m: float  # of the box around building and reference
+    walk: str  # id in its environment
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnPart:
+    """Where the walks of one part of an environment lie."""
+
+    env: str
+    part: Part
+    folder: Path
+
+    @property
+    def observations(self) -> Path:
+        """What a machine needs that plays."""
+        return self.folder / OBSERVATIONS
+
+    @property
+    def truth(self) -> Path:
+        """What a machine needs that scores."""
+        return self.folder / TRUTH
+
+    @property
+    def index(self) -> Index:
+        """What is known of all walks."""
+        return read_index(self.observations)
+
+
+def made_by(env: str) -> str:
+    """Versions of what draws the walks of an environment: where they agree, drawn walks are used again."""
+    packages = sorted({"pdrbench_leaderboard", *environment_packages()})
+    parts = [environment_version(env), versions()["numpy"], *(package_sha256(name) for name in packages)]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def draw(
+    listed: BoardEnvironment, part: Part, secret: str, folder: Path, *, jobs: int = 1, progress: bool = False
+) -> DrawnPart:
+    """Writes the walks of one part of an environment, unless they lie there already.
+
+    Args:
+        listed: The environment, as a board has it.
+        part: Of the environment.
+        secret: Of the round. Everything that is secret in `folder` follows from it; it is not written itself.
+        folder: For this round.
+        jobs: Processes.
+        progress: Shows on stderr how far it is.
+
+    Raises:
+        DatasetError: The recorded data of the environment is not found.
+    """
+    import joblib
+
+    drawn = DrawnPart(listed.env, part, folder / listed.env / part)
+    now = made_by(listed.env)
+    if (drawn.observations / INDEX_FILE).is_file() and drawn.index.made_by == now:
+        return drawn
+    task = make_task(listed.env, secret)
+    key = hmac.new(secret.encode(), f"{listed.env}\n{part}".encode(), hashlib.sha256).hexdigest()
+    names = {_name(key, walk): walk for walk in listed.walks_of(part, secret)}
+    make_folder(drawn.observations)
+    make_folder(drawn.truth)
+    tasks = (joblib.delayed(_draw_walk)(listed.env, secret, walk, name, drawn) for name, walk in names.items())
+    digests = []
+    with reporting(len(names), 0, shown=progress, what=f"walks of {listed.env}, {part}, drawn") as advance:
+        for digest in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
+            digests.append(digest)
+            advance(COMPLETE, listed.env)
+    walks = dict(sorted(zip(names, digests, strict=True)))  # the order says nothing
+    index = Index(
+        env=task.id,
+        made_by=now,
+        nonce=secret_nonce(secret),
+        sensors=task.sensors,
+        capacity=dict(task.capacity),
+        period_s=task.period_s,
+        start=task.start,
+        walks=walks,
+    )
+    content = encoder().encode(index)
+    source = TASK_SOURCE.format(sha256=hashlib.sha256(content).hexdigest())
+    write_whole(drawn.observations / TASK_FILE, source.encode())
+    write_whole(drawn.observations / INDEX_FILE, content)
+    return drawn
+
+
+def _name(key: str, walk: str) -> str:
+    return hmac.new(key.encode(), walk.encode(), hashlib.sha256).hexdigest()[:NAME_DIGITS]
+
+
+def _draw_walk(env: str, secret: str, walk: str, name: str, drawn: DrawnPart) -> str:
+    """Writes one walk; the sha256 of what a localizer may see of it."""
+    task = make_task(env, secret)
+    recording = task.load(walk)
+    rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
+    content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))
+    write_whole(drawn.observations / f"{name}{SUFFIX}", content)
+    write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(_truth(task, recording)))
+    return hashlib.sha256(content).hexdigest()
+
+
+def _truth(task: Task, recording: Recording) -> Truth:
+    building, reference = recording.building, recording.reference
+    corners_m = reference.xy_m
+    if building is not None:
+        corners_m = np.concatenate([corners_m, np.reshape(building.bounds_m(), (2, 2))])
+    return Truth(
+        reference=scored_moments(reference),
+        building=building,
+        fallback=task.fallback(recording),
+        unit=task.units.get(recording.id, "" if building is None else building.name),
+        group=task.groups.get(recording.id, ""),
+        duration_s=recording.end_s,
+        diagonal_m=float(np.hypot(*np.ptp(corners_m, axis=0))),
+        walk=recording.id,
+    )
+
+
+def scored_moments(reference: Trajectory) -> Trajectory:
+    """The surveyed rows of a reference, at most one in each second: the first."""
+    surveyed = reference.scored()
+    rows = np.unique(np.floor(surveyed.t_s * FREQUENCY_HZ), return_index=True)[1]
+    keep = np.zeros(len(surveyed), bool)
+    keep[rows] = True
+    return surveyed.rows(keep)
+
+
+def _packed(record: msgspec.Struct) -> bytes:
+    return zlib.compress(encoder().encode(record), LEVEL)
+
+
+def _unpacked(path: Path, kind: Any) -> Any:
+    try:
+        return decoder(kind).decode(zlib.decompress(path.read_bytes()))
+    except (OSError, zlib.error, msgspec.MsgspecError, ValueError) as error:
+        raise ResultError(f"cannot read {path}: {error}; delete {path.parent.parent}, and it is drawn again") from None
+
+
+def read_truth(drawn: DrawnPart, name: str) -> Truth:
+    """The truth of a walk by its name; raises `ResultError`."""
+    found: Truth = _unpacked(drawn.truth / f"{name}{SUFFIX}", Truth)
+    return found
+
+
+def read_index(folder: Path) -> Index:
+    """What a folder of observations says of all its walks; raises `ResultError`."""
+    path = folder / INDEX_FILE
+    try:
+        found: Index = decoder(Index).decode(path.read_bytes())
+    except (OSError, msgspec.MsgspecError, ValueError) as error:
+        raise ResultError(f"{folder} holds no drawn walks: {error}") from None
+    return found
+
+
+def drawn_task(folder: Path) -> Task:
+    """The task of drawn walks: as the environment, without references."""
+    return _drawn_task(folder, (folder / INDEX_FILE).stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=16)
+def _drawn_task(folder: Path, mtime_ns: int) -> Task:
+    index = read_index(folder)
+    specs = {spec.name: spec for spec in index.sensors}
+
+    @functools.lru_cache(maxsize=2)
+    def walk_of(name: str) -> DrawnWalk:
+        found: DrawnWalk = _unpacked(folder / f"{name}{SUFFIX}", DrawnWalk)
+        return found
+
+    def briefing(recording: Recording) -> Briefing:
+        return walk_of(recording.id).briefing
+
+    def load(name: str) -> Recording:
+        walk = walk_of(name)
+        streams = {sensor: SensorStream(specs[sensor], rows) for sensor, rows in walk.rows.items()}
+        brief = walk.briefing
+        return Recording(name, brief.building, streams, _end(walk.end_s), brief.subject, "", brief.mounting)
+
+    def tell_start(recording: Recording) -> Start:
+        start = briefing(recording).start
+        assert start is not None
+        return start
+
+    return Task(
+        id=index.env,
+        summary="Walks of a board without their references.",
+        description="",
+        sensors=index.sensors,
+        capacity=index.capacity,
+        period_s=index.period_s,
+        start=index.start,
+        walks={"test": tuple(index.walks)},
+        load=load,
+        tell_start=tell_start,
+        radio_map=lambda recording: briefing(recording).radio_map,
+        magnetic_map=lambda recording: briefing(recording).magnetic_map,
+        licence="",
+        source="a board",
+        files_sha256=lambda name: index.walks[name],
+    )
+
+
+def _end(end_s: float) -> Trajectory:
+    """A reference that says nothing but when the walk is over."""
+    return Trajectory(np.array([end_s]), np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros(1, bool))
+
+
+def walks_sha256(index: Index) -> str:
+    """Digest of all that a localizer was given."""
+    return hashlib.sha256(repr(sorted(index.walks.items())).encode()).hexdigest()

@@ -1,0 +1,264 @@
+"""`pdrbench leaderboard run`: every entry on every board, in three steps: draw, play, score."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from pdrbench.errors import BundleError
+from pdrbench.evaluation.cluster import on_cluster
+from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
+from pdrbench.evaluation.store import make_folder, write_whole
+from pdrbench.process.launch import CONFINED, Isolation
+from pdrbench.registry import localizers
+from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.settings import split_name
+from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part, Round
+from pdrbench_leaderboard.card import CARD_FILE, Card, card_of, read_card
+from pdrbench_leaderboard.draw import DrawnPart, draw, made_by
+from pdrbench_leaderboard.play import play
+from pdrbench_leaderboard.record import (
+    ENTRY_FILE,
+    PartRecord,
+    PartWalks,
+    answers_of,
+    folder_name,
+    part_record,
+    part_walks,
+    read_answers,
+    read_entry,
+    read_walks,
+    write_entry,
+    write_walks,
+)
+from pdrbench_leaderboard.schema import MAX_TEXT_BYTES, read_limited
+from pdrbench_leaderboard.score import score_part
+
+DISTRIBUTION: Final = "pdrbench"  # whose localizers are entries of every board that they suit
+ANSWERS: Final = "answers"  # below the folder of a round
+SOURCE_FILE, SOURCE_FOLDER = "localizer.py", "localizer"  # that lie with an entry
+SOURCE_CLASS: Final = "Localizer"  # of such a file, where no record says another
+
+
+@dataclass(frozen=True, slots=True)
+class Entrant:
+    """What is played for an entry."""
+
+    spec: str  # as `evaluate` takes it
+    card: Card
+
+    @property
+    def is_registered(self) -> bool:
+        """Whether it is registered, so that it is code which was installed here on purpose."""
+        return split_name(self.spec)[0] in localizers()
+
+    @property
+    def sha256(self) -> str:
+        """Digest of its code: of a file whatever it is called, else as results have it."""
+        place = Path(self.spec.partition(":")[0])
+        if place.suffix == ".py" and not self.is_registered:
+            return hashlib.sha256(place.read_bytes()).hexdigest()
+        return target_sha256(localizer_target(self.spec))
+
+    @property
+    def source(self) -> tuple[str, bytes | None]:
+        """What its record says was played, without folders of this machine, and the file that is kept with it."""
+        place, colon, attribute = self.spec.partition(":")
+        if self.is_registered or not place.endswith(".py"):
+            return self.spec if self.is_registered else Path(place).name, None
+        return f"{SOURCE_FILE}{colon}{attribute}", Path(place).read_bytes()
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How boards are played.
+
+    Attributes:
+        root: Folder that holds `<board>/<entry>/`.
+        work: Folder that keeps drawn walks and answers; on a cluster, one that all machines see.
+        round: Whose held-out walks are played.
+        secret: Behind them, where it is not published.
+        jobs: Processes.
+        scheduler: Address of a Dask scheduler whose workers play; None: this machine.
+        parts: That are played.
+        isolation: Of localizers; None: "process" for registered ones, "confined" for others.
+        progress: Shows on stderr how far it is.
+    """
+
+    root: Path
+    work: Path
+    round: Round
+    secret: str | None = field(default=None, repr=False)
+    jobs: int = 1
+    scheduler: str | None = None
+    parts: tuple[Part, ...] = ("public", "held-out")
+    isolation: Isolation | None = None
+    progress: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one part of an environment on a board."""
+
+    board: str
+    env: str
+    part: Part
+    played: tuple[str, ...] = ()  # entries
+    kept: tuple[str, ...] = ()  # entries that were done already
+    declined: tuple[str, ...] = ()  # localizers that it suits on no walk
+    why: str = ""  # why it was left out
+
+
+def entrants(board: str, root: Path, named: Sequence[str] = (), card: Path | None = None) -> list[Entrant]:
+    """What is played on a board: the localizers that are named, or those of pdrbench and what lies with its entries.
+
+    Args:
+        board: Name of the board.
+        root: Holds the boards.
+        named: As `evaluate` takes them; a folder or a file has its card beside or inside.
+        card: Of the one that is named.
+
+    Raises:
+        BundleError: One has no card.
+    """
+    if named:
+        return [Entrant(_absolute(spec), _card(spec, card)) for spec in named]
+    ours = [name for name, entry in localizers().items() if entry.package == DISTRIBUTION]
+    found = [Entrant(name, card_of(name)) for name in sorted(ours)]
+    for path in sorted((root / board).glob(f"*/{CARD_FILE}")):
+        spec = _spec_of(path.parent)
+        if spec not in ours:
+            found.append(Entrant(spec, read_card(read_limited(path, MAX_TEXT_BYTES), str(path))))
+    return found
+
+
+def _spec_of(folder: Path) -> str:
+    """What is played for what lies in the folder of an entry."""
+    spec = read_entry(folder)[0].spec if (folder / ENTRY_FILE).is_file() else ""
+    if (folder / SOURCE_FILE).is_file():
+        return f"{folder.absolute() / SOURCE_FILE}:{spec.partition(':')[2] or SOURCE_CLASS}"
+    if (folder / SOURCE_FOLDER).is_dir():
+        return str(folder.absolute() / SOURCE_FOLDER)
+    if not spec:
+        raise BundleError(f"{folder} holds a card and no {SOURCE_FILE} or folder {SOURCE_FOLDER}")
+    return spec
+
+
+def _absolute(spec: str) -> str:
+    place, colon, rest = spec.partition(":")
+    is_path = spec not in localizers() and (place.endswith(".py") or Path(place).is_dir())
+    return f"{Path(place).absolute()}{colon}{rest}" if is_path else spec
+
+
+def _card(spec: str, card: Path | None) -> Card:
+    place = Path(spec.partition(":")[0])
+    beside = [card, place / CARD_FILE, place.parent / CARD_FILE]
+    if split_name(spec)[0] in localizers():
+        beside = [card]
+    found = next((path for path in beside if path is not None and path.is_file()), None)
+    return card_of(spec) if found is None else read_card(read_limited(found, MAX_TEXT_BYTES), str(found))
+
+
+def run(
+    boards: Sequence[Board], named: Sequence[str], settings: Settings, *, card: Path | None = None
+) -> Iterator[Outcome]:
+    """Plays what is not done yet, one part of an environment after the other, and writes entries.
+
+    Args:
+        boards: To be played.
+        named: Localizers; all where there are none.
+        settings: How.
+        card: Of the localizer, where one is named that brings none.
+    """
+    for board in boards:
+        wanted = entrants(board.name, settings.root, named, card)
+        for listed in board.environments:
+            for part in listed.parts:
+                if part in settings.parts:
+                    yield _run_part(board, listed, part, wanted, settings)
+
+
+def _run_part(
+    board: Board, listed: BoardEnvironment, part: Part, wanted: Sequence[Entrant], settings: Settings
+) -> Outcome:
+    if not listed.has_data:
+        return Outcome(board.name, listed.env, part, why="its recorded data is not found, see `pdrbench data`")
+    folder = settings.root / board.name
+    walks = read_walks(folder)
+    known = walks.get((listed.env, part))
+    todo = [one for one in wanted if not _is_done(folder, one, known, settings.round)]
+    kept = tuple(one.card.name for one in wanted if one not in todo)
+    if not todo:
+        return Outcome(board.name, listed.env, part, kept=kept)
+    secret = settings.round.secret_of(settings.secret)
+    drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
+    now = part_walks(drawn, settings.round.number)
+    results = _play(drawn, todo, settings)
+    scored = score_part(drawn, results, jobs=settings.jobs)
+    played, declined = [], {} if known is None or known.sha256 != now.sha256 else dict(known.declined)
+    for one in todo:
+        of = [result for result in results if result.localizer == one.spec]
+        if all(result.status == UNSUITABLE for result in of):
+            declined[one.card.name] = one.sha256
+            continue
+        parts = [scored[one.spec, division] for division in (ONLINE, OFFLINE) if (one.spec, division) in scored]
+        first = next(result for result in of if result.status != UNSUITABLE)
+        _enter(one, board.name, settings.root, part_record(now, parts, one.sha256, first.provenance))
+        played.append(one.card.name)
+    now = msgspec.structs.replace(now, declined=declined)
+    write_walks(folder, walks | {(listed.env, part): now})
+    out = tuple(one.card.name for one in todo if one.card.name in declined)
+    return Outcome(board.name, listed.env, part, tuple(played), kept, out)
+
+
+def _enter(entrant: Entrant, board: str, root: Path, part: tuple[PartRecord, bytes]) -> None:
+    """Adds a part to an entry, in place of what it had there."""
+    folder = root / board / folder_name(entrant.card.name)
+    parts = [part]
+    if (folder / ENTRY_FILE).is_file():
+        record, _ = read_entry(folder)
+        content = read_answers(folder)
+        parts += [(of, answers_of(record, content, of)) for of in record.parts if of.place != part[0].place]
+    spec, source = entrant.source
+    write_entry(root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
+    if source is not None:
+        write_whole(folder / SOURCE_FILE, source)
+
+
+def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, of_round: Round) -> bool:
+    """Whether the same code has played the same walks."""
+    place = folder / folder_name(entrant.card.name)
+    if known is None or (known.round, known.made_by) != (of_round.number, made_by(known.env)):
+        return False
+    if known.declined.get(entrant.card.name) == entrant.sha256:
+        return True
+    if not (place / ENTRY_FILE).is_file():
+        return False
+    record, _ = read_entry(place)
+    mine = next((part for part in record.parts if part.place == (known.env, known.part)), None)
+    return mine is not None and (mine.localizer_sha256, mine.versions, mine.walks_sha256) == (
+        entrant.sha256,
+        versions(),
+        known.sha256,
+    )
+
+
+def _play(drawn: DrawnPart, todo: Sequence[Entrant], settings: Settings) -> tuple[Result, ...]:
+    """Strangers' code is confined, unless whoever runs it has asked for another isolation."""
+    answers = make_folder(settings.work / ANSWERS / f"{drawn.env}-{drawn.part}")
+    found: list[Result] = []
+    with on_cluster(settings.scheduler):
+        for is_registered in (True, False):
+            specs = [one.spec for one in todo if one.is_registered == is_registered]
+            isolation: Isolation = settings.isolation or ("process" if is_registered else CONFINED)
+            if specs:
+                jobs = 1 if settings.scheduler else settings.jobs
+                found += play(
+                    drawn.observations, specs, answers, jobs=jobs, isolation=isolation, progress=settings.progress
+                )
+    return tuple(found)

@@ -1,0 +1,166 @@
+"""`leaderboard run`: draw, play, score, and what is kept of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import BundleError
+from pdrbench.metrics import METRICS
+from pdrbench.registry import make_task
+from pdrbench.task import HELD_OUT, commitment
+from pdrbench_leaderboard import record, score
+from pdrbench_leaderboard.boards import Board, BoardEnvironment, OtherSecretError, Round, boards, find_round
+from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
+from pdrbench_leaderboard.run import Settings, run
+
+from .conftest import DEAF, ENV, SECRET, STAY, card_named
+
+TOY = Board(
+    name="toy",
+    title="Toy",
+    summary="Corridors.",
+    lost_m=2.0,
+    environments=(BoardEnvironment(env=ENV, noise_m=0.05), BoardEnvironment(env=DEAF, noise_m=0.05)),
+)
+ROUND = Round(number=0, secret=SECRET)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return Settings(root=tmp_path / "leaderboards", work=tmp_path / "work", round=ROUND, isolation="none")
+
+
+@pytest.fixture
+def mine(submitted: Path, tmp_path: Path) -> tuple[str, Path]:
+    """A localizer in a file, and its card."""
+    card = tmp_path / "card.toml"
+    card.write_bytes(card_toml(card_named("mine")))
+    return f"{submitted}:Mine", card
+
+
+def test_boards_name_registered_environments_and_round_0_is_published() -> None:
+    for board in boards().values():
+        for listed in board.environments:
+            assert listed.parts[-1] == "held-out"
+            assert make_task(listed.env).id == listed.env
+    assert len(find_round(0).secret) >= 32
+
+
+def test_the_secret_of_a_round_is_the_one_that_was_committed_to() -> None:
+    closed = Round(number=1, commitment=commitment(SECRET))
+    assert closed.secret_of(SECRET) == ROUND.secret_of(None) == SECRET
+    with pytest.raises(OtherSecretError, match="not published"):
+        closed.secret_of(None)
+    with pytest.raises(OtherSecretError, match="sha256 differs"):
+        closed.secret_of("0" * 32)
+
+
+def test_drawn_walks_hold_neither_truth_nor_names(tmp_path: Path) -> None:
+    drawn = draw(TOY.environment(ENV), "held-out", SECRET, tmp_path)
+    secret_task, task = make_task(ENV, SECRET), drawn_task(drawn.observations)
+    names = task.split("test")
+    assert set(names).isdisjoint(secret_task.split(HELD_OUT))
+    for name in names:
+        truth = read_truth(drawn, name)
+        original, recording = secret_task.load(truth.walk), task.load(name)
+        brief, wanted = task.brief(recording), secret_task.brief(original)
+        assert recording.end_s == original.end_s
+        assert not recording.reference.surveyed.any() and not recording.reference.xy_m.any()
+        for sensor, stream in original.streams.items():
+            assert np.array_equal(recording.streams[sensor].rows, stream.rows)
+        assert brief.start is not None and wanted.start is not None
+        assert np.array_equal(brief.start.xy_m, wanted.start.xy_m)
+        assert (np.diff(truth.reference.t_s) >= 1.0).all()
+    for path in drawn.observations.iterdir():
+        assert SECRET.encode() not in path.read_bytes()
+    before = (drawn.observations / INDEX_FILE).stat().st_mtime_ns
+    draw(TOY.environment(ENV), "held-out", SECRET, tmp_path)  # lies there already
+    assert (drawn.observations / INDEX_FILE).stat().st_mtime_ns == before
+
+
+def test_entries_hold_scores_of_their_answers(settings: Settings, mine: tuple[str, Path]) -> None:
+    spec, card = mine
+    outcomes = list(run([TOY], [spec], settings, card=card))
+    assert [(of.env, of.part, len(of.played), len(of.declined)) for of in outcomes] == [
+        (ENV, "public", 1, 0),
+        (ENV, "held-out", 1, 0),
+        (DEAF, "public", 0, 1),
+        (DEAF, "held-out", 0, 1),
+    ]
+    folder = settings.root / "toy" / "mine"
+    entry, _ = record.read_entry(folder)
+    assert (entry.spec, [part.place for part in entry.parts]) == (
+        "localizer.py:Mine",
+        [(ENV, "held-out"), (ENV, "public")],
+    )
+    walks = record.read_walks(settings.root / "toy")
+    for part in entry.parts:
+        drawn = draw(TOY.environment(ENV), part.part, SECRET, settings.work)
+        found = part.divisions[0]
+        assert found.statuses == "c" * len(walks[part.place].walks)
+        for name in score.METRICS:
+            assert all(value is not None for value in found.values[name]) == (name != "coverage")
+        content = record.read_answers(folder)
+        again = score.packed_values(drawn, record.answers_of(entry, content, part))
+        assert np.allclose(again["p75_m"], record.numbers(found.values["p75_m"]), rtol=1e-3)
+
+
+def test_what_is_done_is_skipped_and_what_lies_with_an_entry_is_played(
+    settings: Settings, mine: tuple[str, Path]
+) -> None:
+    list(run([TOY], [mine[0]], settings, card=mine[1]))
+    folder = settings.root / "toy" / "mine"
+    before = (folder / record.ENTRY_FILE).read_bytes()
+    again = list(run([TOY], [f"{folder / 'localizer.py'}:Mine"], settings))
+    assert all(of.kept == ("mine",) for of in again)
+    (folder / record.ENTRY_FILE).unlink()
+    fresh = dataclasses.replace(settings, work=settings.work.with_name("elsewhere"))
+    played = list(run([TOY], [f"{folder / 'localizer.py'}:Mine"], fresh))
+    assert played[0].played == ("mine",)
+    assert _without_times(before) == _without_times((folder / record.ENTRY_FILE).read_bytes())
+
+
+def _without_times(content: bytes) -> list[bytes]:
+    return [line for line in content.splitlines() if b'"load"' not in line]
+
+
+def test_a_walk_that_fails_has_no_values(settings: Settings, submitted: Path, mine: tuple[str, Path]) -> None:
+    list(run([TOY], [f"{submitted}:Broken"], settings, card=mine[1]))
+    part = record.read_entry(settings.root / "toy" / "mine")[0].parts[0]
+    found = part.divisions[0]
+    assert set(found.statuses) == {"f"}
+    assert found.failures == {"ValueError: no idea": len(found.statuses)}
+    assert set(found.values["p75_m"]) == {None}
+
+
+def test_one_run_gives_both_divisions(settings: Settings, submitted: Path, mine: tuple[str, Path]) -> None:
+    list(run([TOY], [f"{submitted}:Smooths"], settings, card=mine[1]))
+    part = record.read_entry(settings.root / "toy" / "mine")[0].parts[0]
+    online, offline = part.divisions
+    assert (online.division, offline.division) == ("online", "offline")
+    assert record.numbers(online.values["mean_m"]).max() < record.numbers(offline.values["mean_m"]).min()
+
+
+def test_registered_localizers_bring_their_card_and_others_need_one(settings: Settings, submitted: Path) -> None:
+    with pytest.raises(BundleError, match="needs a card"):
+        list(run([TOY], [f"{submitted}:Mine"], settings))
+    list(run([TOY], [STAY], settings))
+    entry, card = record.read_entry(settings.root / "toy" / STAY)
+    assert (entry.spec, card.name) == (STAY, STAY)
+
+
+def test_changed_answers_are_found(settings: Settings) -> None:
+    list(run([TOY], [STAY], settings))
+    path = settings.root / "toy" / STAY / record.ANSWERS_FILE
+    path.write_bytes(path.read_bytes() + b"x")
+    with pytest.raises(BundleError, match="not the one"):
+        record.read_entry(path.parent)
+
+
+def test_metrics_of_entries_are_known() -> None:
+    assert set(score.METRICS.values()) <= set(METRICS)
