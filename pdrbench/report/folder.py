@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Final
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import rankdata
 
 from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation.scoring import answers_sha256, code_sha256
@@ -241,7 +240,9 @@ def _walks_to_draw(errors: Sequence[LocalizerErrors]) -> dict[str, str]:
     ranks: dict[str, list[float]] = {}
     for entry in errors:
         means_m = entry.means_m
-        for walk, rank in zip(means_m, rankdata(list(means_m.values())), strict=True):
+        values_m = np.array([*means_m.values()])
+        ends = [np.searchsorted(np.sort(values_m), values_m, side) for side in ("left", "right")]
+        for walk, rank in zip(means_m, (ends[0] + ends[1] + 1) / 2, strict=True):  # ties share their mean rank
             ranks.setdefault(walk, []).append(float(rank) / len(means_m))
     order = sorted(ranks, key=lambda walk: (float(np.mean(ranks[walk])), walk))
     chosen: dict[str, str] = {}
