@@ -75,8 +75,8 @@ class Task:
         units: Name of the unit of replication of each walk, what a new sample would draw anew: a recording session, a
             person. Intervals and tests resample whole units. Empty: the building of each walk is its unit.
         unit_kind: What a unit is, for tables: "building", "session", "person", "route".
-        groups: Name of the group of results that a walk counts in besides all walks, as "unseen floor"; a walk may have
-            none. Never given to a localizer.
+        groups: Names of the groups of results that a walk counts in besides all walks, as "unseen floor"; a walk may
+            have none. Never given to a localizer.
         folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
             made without its fold. A walk of another split may have one too. Empty: the task has no folds.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
@@ -103,7 +103,7 @@ class Task:
     files_sha256: Callable[[str], str] = registered_files
     units: Mapping[str, str] = field(default_factory=dict)
     unit_kind: str = "building"
-    groups: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
 

@@ -40,7 +40,7 @@ def test_every_walk_has_a_unit_and_every_train_walk_a_fold() -> None:
 def test_folds_part_whole_units() -> None:
     with pytest.raises(RecordingError, match="unit '1' lies in two folds"):
         replace(TASK, units=UNITS, folds={"a": 0, "b": 1, "c": 1})
-    assert replace(TASK, groups={"d": "later"}).groups == {"d": "later"}
+    assert replace(TASK, groups={"d": ("later",)}).groups == {"d": ("later",)}
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,10 @@
 """The environments of pdrbench, one file each; this table holds strings only, so that nothing is imported early."""
 
 ENVIRONMENTS = {
+    "CampusFoot-v1": "pdrbench_envs.campus.environment:task_foot",
+    "CampusPhone-v1": "pdrbench_envs.campus.environment:task_phone",
+    "CampusPhoneLost-v1": "pdrbench_envs.campus.environment:task_lost",
+    "CampusStride-v1": "pdrbench_envs.campus.environment:task_stride",
     "FootVicon-v1": "pdrbench_envs.foot_recordings:task_vicon",
     "FootWalks-v1": "pdrbench_envs.foot_recordings:task_walks",
     "IpinPhone-v1": "pdrbench_envs.ipin_phone:task",

@@ -22,7 +22,6 @@ from pdrbench.task import HELD_OUT, Task, no_survey
 from pdrbench.trajectory import Start
 
 _NUMBERS: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: 3}  # of splits in seeds
-HELD_OUT_WALKS: Final = 8  # that a secret gives; ours
 _BETWEEN: Final = ":"  # a split and its key
 
 
@@ -45,22 +44,18 @@ class GeneratedWalks:
     env: str
     seed: int  # first number of every seed
     splits: Mapping[str, Split]  # public splits by name
-    held_out: Split = Split(HELD_OUT_WALKS)  # buildings and people of held-out walks
+    held_out: Split = Split(8)  # that a secret gives; ours
 
     def ids(self) -> dict[str, tuple[str, ...]]:
         """By split, in the order of play. Ids of the test split are digests in rising order, which reveal nothing."""
-        ids = {
-            split: tuple(f"{split}-{index:02d}" for index in range(self.splits[split].walks)) for split in self.splits
-        }
-        opaque = (hashlib.sha256(f"{self.env}/{name}".encode()).hexdigest()[:12] for name in ids["test"])
-        return ids | {"test": tuple(sorted(f"test-{digest}" for digest in opaque))}
+        return _ids(self.env, tuple((split, plan.walks) for split, plan in self.splits.items()))
 
     def place_of(self, walk: str) -> tuple[str, int]:
         """Split of a walk, and its place in the order of play; raises `UnknownNameError` where there is none."""
         if walk.startswith(HELD_OUT + _BETWEEN):
             split, _, index = walk.partition("/")
             return split, int(index)
-        places = {walk: (split, index) for split, walks in self.ids().items() for index, walk in enumerate(walks)}
+        places = _places(self.env, tuple((split, plan.walks) for split, plan in self.splits.items()))
         if walk not in places:
             raise unknown_name(f"walk of {self.env}", walk, places)
         return places[walk]
@@ -88,6 +83,18 @@ class GeneratedWalks:
         return np.random.default_rng(self.numbers(split, stream, index))
 
 
+def _ids(env: str, splits: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, ...]]:
+    ids = {split: tuple(f"{split}-{index:02d}" for index in range(walks)) for split, walks in splits}
+    opaque = (hashlib.sha256(f"{env}/{name}".encode()).hexdigest()[:12] for name in ids["test"])
+    return ids | {"test": tuple(sorted(f"test-{digest}" for digest in opaque))}
+
+
+@functools.lru_cache(maxsize=32)
+def _places(env: str, splits: tuple[tuple[str, int], ...]) -> dict[str, tuple[str, int]]:
+    """Split and place of each walk."""
+    return {walk: (split, index) for split, walks in _ids(env, splits).items() for index, walk in enumerate(walks)}
+
+
 def entropy_of(split: str) -> list[int]:
     """What seeds of held-out walks have besides; nothing for a public split.
 
@@ -110,19 +117,28 @@ def start_place(recording: Recording) -> Start:
     return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
 
 
-def with_held_out(task: Task, env: str = "", person: Callable[[str], str] | None = None) -> Task:
+def with_held_out(
+    task: Task,
+    walks: GeneratedWalks,
+    *,
+    person: Callable[[str], str] | None = None,
+    groups: Callable[[str], tuple[str, ...]] | None = None,
+) -> Task:
     """The same task, which a secret can give held-out walks, and whose start is given to the millimetre.
 
     Args:
-        task: Whose `load` asks its `GeneratedWalks` for the place of a walk and for its seeds.
-        env: That the walks are drawn for, where two environments share them; else the task's own.
+        task: Whose `load` asks `walks` for the place of a walk and for its seeds.
+        walks: Also of another environment, which shares them then.
         person: Name of the person of a walk, the unit of replication where all walks are in one building; else None.
+        groups: Of a walk, see `Task.groups`.
     """
     task = dataclasses.replace(task, tell_start=functools.partial(_rounded_start, task.tell_start))
+    if groups is not None:
+        task = dataclasses.replace(task, groups={walk: groups(walk) for split in task.walks.values() for walk in split})
     if person is not None:
         units = {walk: person(walk) for walks in task.walks.values() for walk in walks}
         task = dataclasses.replace(task, units=units, unit_kind="person")
-    hold_out = functools.partial(_hold_out, task, env or task.id, person)
+    hold_out = functools.partial(_hold_out, task, walks, person, groups)
     return dataclasses.replace(task, held_out=hold_out)
 
 
@@ -132,11 +148,17 @@ def _rounded_start(tell_start: Callable[[Recording], Start], recording: Recordin
     return rounded_start(tell_start(recording))
 
 
-def _hold_out(task: Task, env: str, person: Callable[[str], str] | None, secret: str) -> Task:
-    key = hmac.new(secret.encode(), env.encode(), hashlib.sha256).hexdigest()
+def _hold_out(
+    task: Task,
+    walks: GeneratedWalks,
+    person: Callable[[str], str] | None,
+    groups: Callable[[str], tuple[str, ...]] | None,
+    secret: str,
+) -> Task:
+    key = hmac.new(secret.encode(), walks.env.encode(), hashlib.sha256).hexdigest()
     inner = {
         f"{HELD_OUT}-{hashlib.sha256(f'{key}/{index}'.encode()).hexdigest()[:12]}": f"{HELD_OUT}{_BETWEEN}{key}/{index}"
-        for index in range(HELD_OUT_WALKS)
+        for index in range(walks.held_out.walks)
     }
 
     def load(walk: str) -> Recording:
@@ -155,6 +177,7 @@ def _hold_out(task: Task, env: str, person: Callable[[str], str] | None, secret:
         task,
         walks={**task.walks, HELD_OUT: tuple(sorted(inner))},
         units=task.units if person is None else {**task.units, **{walk: person(inner[walk]) for walk in inner}},
+        groups=task.groups if groups is None else {**task.groups, **{walk: groups(inner[walk]) for walk in inner}},
         load=load,
         tell_start=tell_start,
         radio_map=no_survey if task.radio_map is no_survey else radio_map,

@@ -76,9 +76,9 @@ def task() -> Task:
         radio_map=_radio_map,
         licence="MIT",
         source="generated",
-        groups={walk: kind_of(WALKS.place_of(walk)[1]) for walks in ids.values() for walk in walks},
+        groups={walk: (kind_of(WALKS.place_of(walk)[1]),) for walks in ids.values() for walk in walks},
     )
-    return with_held_out(made, person=WALKS.person)
+    return with_held_out(made, WALKS, person=WALKS.person)
 
 
 def kind_of(index: int) -> str:

@@ -145,7 +145,8 @@ def _make_task(kind: _SignalSet, *, summary: str, description: str, tell_start: 
             radio_map=functools.partial(_radio_map, kind),
             licence="MIT",
             source="generated",
-        )
+        ),
+        kind.walks,
     )
 
 

@@ -81,7 +81,8 @@ def task() -> Task:
             tell_start=start_pose,
             licence="MIT",
             source="generated",
-        )
+        ),
+        WALKS,
     )
 
 

@@ -144,6 +144,7 @@ def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable
             source=f"generated in the plan of {registered.source_url} commit {registered.commit}",
             dataset=DATASET,
         ),
+        kind.walks,
         person=kind.walks.person,
     )
 

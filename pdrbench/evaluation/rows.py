@@ -159,11 +159,11 @@ def _strata(group: Sequence[tuple[Result, Scored]], task: Task) -> list[dict[str
     parts: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
     declined: Counter[str] = Counter()
     for result, scored in group:
-        name = task.groups.get(result.walk)
-        if result.status == UNSUITABLE:
-            declined.update({name} if name else ())
-        elif name:
-            parts.setdefault(("group", name), []).append((result, scored))
+        for name in task.groups.get(result.walk, ()):
+            if result.status == UNSUITABLE:
+                declined[name] += 1
+            else:
+                parts.setdefault(("group", name), []).append((result, scored))
     for number, name in enumerate(SCAN_STRATA):
         for result, scored in group:
             is_here = (np.digitize(scored.scan_m, SCAN_EDGES_M) == number) & ~np.isnan(scored.scan_m)

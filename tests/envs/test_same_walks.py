@@ -23,8 +23,12 @@ from pdrbench.registry import environments, make_task
 from pdrbench_sim.thinned import agreement
 
 COPIES = Path(__file__).parent / "walks"
-# Two walks of each environment, where it can be in one building.
+# Two walks of each environment.
 WALKS = {
+    "CampusFoot-v1": ("val-00", "val-03"),
+    "CampusPhone-v1": ("val-01", "val-09"),
+    "CampusPhoneLost-v1": ("val-02", "val-08"),
+    "CampusStride-v1": ("val-00", "val-05"),
     "OfficeFoot-v2": ("val-00", "val-04"),
     "OfficePhone-v1": ("val-00", "val-04"),
     "OfficePhoneAbroad-v1": ("val-04", "val-08"),

@@ -177,7 +177,7 @@ def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(
     results: Results, localizer: Spec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     task = make_task("Corridor-v0")
-    groups = {walk: "seen floor" if number < 4 else "unseen floor" for number, walk in enumerate(task.walks["test"])}
+    groups = {walk: ("seen floor" if number < 4 else "unseen floor",) for number, walk in enumerate(task.walks["test"])}
     grouped = replace(task, groups=groups)
     monkeypatch.setattr("pdrbench.evaluation.rows.make_task", lambda *_: grouped)
     anew = Results(results.results)

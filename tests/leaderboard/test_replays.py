@@ -108,7 +108,7 @@ def task(office: Building) -> Task:
         licence="MIT",
         source="recorded",
         units={"test-1": "anna", "test-2": "anna", "test-3": "bert", "val-4": "carl"},
-        groups={"test-1": "slow"},
+        groups={"test-1": ("slow",)},
     )
 
 
@@ -227,7 +227,7 @@ def test_a_task_of_recordings_has_replays(task: Task) -> None:
     assert not set(ids) & set(replayed(task, OTHER).split(HELD_OUT))
     units = [held_out.units[walk] for walk in ids]
     assert len(set(units)) == 2 and not set(units) & {"anna", "bert"}
-    assert [held_out.groups[walk] for walk in ids if walk in held_out.groups] == ["slow"] * 2
+    assert [held_out.groups[walk] for walk in ids if walk in held_out.groups] == [("slow",)] * 2
     public = held_out.load("test-2")
     assert public.streams["accel"].rows.tobytes() == task.load("test-2").streams["accel"].rows.tobytes()
     assert (held_out.tell_start(public).xy_m == public.reference.xy_m[0]).all()

@@ -134,7 +134,7 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         files_sha256=functools.partial(_files_sha256, frozenset() if is_whole else at_hand),
         units={walk: played.unit for walk, played in offered.items()},
         unit_kind="outing",
-        groups={walk: played.walk.group for walk, played in offered.items() if played.survey == "test"},
+        groups={walk: (played.walk.group,) for walk, played in offered.items() if played.survey == "test"},
         folds={walk: played.survey for walk, played in offered.items() if isinstance(played.survey, int)},
     )
 

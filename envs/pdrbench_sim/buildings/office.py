@@ -47,6 +47,7 @@ class OfficeParams:
     level_height_m: tuple[float, float] = (3.1, 3.7)
     stairs: StairParams = field(default_factory=StairParams)
     metres_per_stairwell: float = 70.0  # of main corridor: 35 m at most to the next one
+    num_corridors: int | None = None  # that run along x; None for as many as suit the area
     has_lifts: bool = False  # one beside every stairwell
     lift_m: tuple[float, float] = (1.7, 2.0)  # width and depth of a cabin; for eight to ten people
     lift_door_m: float = 1.0
@@ -148,11 +149,16 @@ def _expected_depth_m(num_corridors: int, params: OfficeParams) -> float:
 
 def _draw_brief(rng: np.random.Generator, level_m2: float, num_levels: int, params: OfficeParams) -> _Brief:
     lengths_m = {count: level_m2 / _expected_depth_m(count, params) for count in (1, 2, 3, 4)}
-    fitting = [
-        count
-        for count, length_m in lengths_m.items()
-        if max(24, 1.2 * _expected_depth_m(count, params)) <= length_m <= 95
-    ] or [min(lengths_m, key=lambda count: abs(math.log(lengths_m[count] / 50)))]
+    fitting = (
+        [params.num_corridors]
+        if params.num_corridors
+        else [
+            count
+            for count, length_m in lengths_m.items()
+            if max(24, 1.2 * _expected_depth_m(count, params)) <= length_m <= 95
+        ]
+        or [min(lengths_m, key=lambda count: abs(math.log(lengths_m[count] / 50)))]
+    )
     num_corridors = int(rng.choice(fitting))
     length_m = lengths_m[num_corridors]
     num_crossings = max(1, round(length_m / rng.uniform(22, 40)))
@@ -320,10 +326,11 @@ def _split_row(rng: np.random.Generator, row: _OfficeRow, below: list[Span] | No
     pieces = [row.span]
     if row.stairs is not None:
         pieces = [Span(row.span.low, row.stairs.low), Span(row.stairs.high, row.span.high)]
-    return [room for piece in pieces if piece.length > 0 for room in _split_span(rng, piece, params)]
+    return [room for piece in pieces if piece.length > 0 for room in split_span(rng, piece, params)]
 
 
-def _split_span(rng: np.random.Generator, span: Span, params: OfficeParams) -> list[Span]:
+def split_span(rng: np.random.Generator, span: Span, params: OfficeParams) -> list[Span]:
+    """Rooms and halls side by side."""
     rooms = []
     low_m = span.low
     while span.high - low_m > params.room_width_m[1]:

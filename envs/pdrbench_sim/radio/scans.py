@@ -119,10 +119,14 @@ def scan_walks(
     params: ScanParams | None = None,
     receiver: Receiver | None = None,
     doors_open: bool | None = None,
+    heard: float | None = None,
 ) -> list[FloatArray]:
-    """`scan_walk` for each of many paths, equal to the bit and faster: the walls are looked at once."""
+    """`scan_walk` for each of many paths, equal to the bit and faster: the walls are looked at once.
+
+    Where `heard` is given, each of them has the pace of a sweep that receives so many identifiers.
+    """
     params, receiver = params or ScanParams(), receiver or Receiver()
-    at_once = _heard_at_first(networks, paths)
+    at_once = _heard_at_first(networks, paths) if heard is None else np.full(len(paths), heard)
     walks = [
         _sweep(networks, rng, path, heard, params, doors_open)
         for rng, path, heard in zip(rngs, paths, at_once, strict=True)

@@ -176,10 +176,11 @@ class RadioField:
         """(n,) loss in the walls and closed doors of one level on the way to the given places (n,)."""
         ends = sender_xy_m, where.xyz_m[place, :2]
         light, heavy = here.walls_crossed(*ends)
-        nth, door = here.doors_crossed(*ends)
-        doors_db = self.door_loss_db[door] * where.is_closed[place[nth], door]
         loss_db: FloatArray = self.params.light_wall_db * light + self.params.heavy_wall_db * heavy
-        loss_db += np.bincount(nth, weights=doors_db, minlength=len(place))
+        if where.is_closed.any():
+            nth, door = here.doors_crossed(*ends)
+            doors_db = self.door_loss_db[door] * where.is_closed[place[nth], door]
+            loss_db += np.bincount(nth, weights=doors_db, minlength=len(place))
         return loss_db
 
     def receive(

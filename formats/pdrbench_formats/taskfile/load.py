@@ -273,7 +273,7 @@ class _Opening:
                 files_sha256=functools.partial(files.sha256_of_walk, self._path, self._content, self._tables),
                 units=units,
                 unit_kind=settings.unit_kind if units else "building",
-                groups={walk: table.group for walk, table in self._tables.items() if table.group},
+                groups={walk: (table.group,) for walk, table in self._tables.items() if table.group},
             )
         except RecordingError as error:
             raise RecordingError(f"{self._path}: {error}") from error

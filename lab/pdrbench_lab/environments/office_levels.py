@@ -75,7 +75,8 @@ def task() -> Task:
             tell_start=start_pose,
             licence="MIT",
             source="generated",
-        )
+        ),
+        WALKS,
     )
 
 

@@ -209,7 +209,9 @@ def _measure_in(network: Network, env: str, given: argparse.Namespace) -> FloatA
         walk = walk if given.shaking == 1.0 else gentler(walk, given.shaking)
         return without_rotation(walk) if given.own_attitude else walk
 
-    group_of = dict(task.groups) if env == "abroad" else {name: walk.mounting for name, walk in walks.items()}
+    group_of = {name: walk.mounting for name, walk in walks.items()}
+    if env == "abroad":
+        group_of = {name: of[0] for name, of in task.groups.items()}
     for group in sorted({group_of[name] for name in walks}):
         figures = walk_figures(network, [walk for name, walk in walks.items() if group_of[name] == group], changed)
         text = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())

@@ -65,7 +65,7 @@ def test_walks_of_both_environments() -> None:
     assert {split: len(of) for split, of in known.walks.items()} == {"train": 450, "val": 87, "test": 150}
     assert {split: len(of) for split, of in lost.walks.items()} == {"train": 449, "val": 87, "test": 115}
     assert set(known.groups) == set(known.walks["test"])
-    assert set(lost.groups.values()) == {"known floor", "two weeks later"}
+    assert set(lost.groups.values()) == {("known floor",), ("two weeks later",)}
     assert set(known.folds) == set(known.walks["train"]) and set(known.folds.values()) == set(range(5))
     assert 25 <= len({known.units[walk] for walk in known.walks["test"]}) <= 35
 

@@ -60,6 +60,7 @@ def task() -> Task:
             licence="MIT",
             source="generated",
         ),
+        WALKS,
         person=WALKS.person,
     )
 

@@ -78,7 +78,7 @@ def _make_task(env: str, summary: str) -> Task:
             licence="MIT",
             source="generated",
         ),
-        IID,
+        _walks(IID),
     )
 
 

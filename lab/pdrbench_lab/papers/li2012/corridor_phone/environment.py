@@ -77,6 +77,7 @@ def phone_task(
             licence="MIT",
             source="generated",
         ),
+        walks,
         person=person,
     )
 

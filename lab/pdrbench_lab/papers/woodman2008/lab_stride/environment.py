@@ -74,7 +74,8 @@ def task() -> Task:
             tell_start=start_pose,
             licence="MIT",
             source="generated",
-        )
+        ),
+        WALKS,
     )
 
 
@@ -91,7 +92,7 @@ def task_wifi() -> Task:
             load=load_wifi,
             radio_map=radio_map,
         ),
-        LOST,
+        WALKS,
     )
 
 
