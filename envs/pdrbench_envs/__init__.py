@@ -16,6 +16,7 @@ ENVIRONMENTS = {
     "OfficeStride-v2": "pdrbench_envs.office_stride:task",
     "WestportFoot-v2": "pdrbench_envs.westport:task_foot",
     "WestportPhone-v1": "pdrbench_envs.westport:task_phone",
+    "WifiFingerprints-v1": "pdrbench_envs.wifi_fingerprints:task",
     "FootVicon-v0": "renamed:FootVicon-v1",
     "FootWalks-v0": "renamed:FootWalks-v1",
     "Ipin2023Phone-v0": "renamed:IpinPhone-v1",

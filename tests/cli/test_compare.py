@@ -98,6 +98,7 @@ NEEDS = {
     "PhoneSteps-v1": "phone_steps/",
     "IpinPhone-v1": "ipin2023_track3/",
     "WestportFoot-v2": "maps/",
+    "WifiFingerprints-v1": "wifi_fingerprints/",
     "WestportPhone-v1": "maps/",
 }
 RECORDED = {name: remedy for name, remedy in NEEDS.items() if name in environments()}

@@ -1,0 +1,193 @@
+"""`WifiFingerprints-v1`: published WLAN fingerprints at surveyed places, walked scan by scan.
+
+Data: UJIIndoorLoc, one set of Tampere and one of a library, with the split that the literature uses, registered as
+`wifi_fingerprints`. The test part of a set is test; its training part is the radio map, and makes train and val.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from pdrbench.datasets import dataset, find
+from pdrbench.errors import unknown_name
+from pdrbench.geometry import IntArray
+from pdrbench.radio import scans_of
+from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench.sensors import sensor_spec
+from pdrbench.task import SPLITS, Task
+from pdrbench.trajectory import Trajectory
+from pdrbench_envs.generated import start_place
+from pdrbench_envs.recorded import checked_file, opaque_id
+from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, read
+
+ENV: Final = "WifiFingerprints-v1"
+DATASET: Final = "wifi_fingerprints"
+TRAIN_WALKS: Final = {"LIB1": 4, "TUT3": 8, "UJI1": 8}  # by set, of each fold; LIB1 has 48 training places
+PAUSE_S: Final = 300.0  # between scans, so that whoever walks can be anywhere at the next
+CAPACITY: Final = 1024  # more than there are access points in any set: a scan comes with one observation
+TEST_WALKS: Final = 40  # of each set
+FOLDS: Final = 5  # of the training places; the first is val
+MAX_SCANS: Final = 4  # at a place of the training part; there are up to 80
+_ID_KEY: Final = b"pdrbench.wifi_fingerprints"
+_REMEDY: Final = f"copy it again ({DATASET})"
+
+_DESCRIPTION: Final = """\
+Fixes, not walks: scans of three published sets, each at a surveyed place. UJI1 has three university buildings, each
+of four or five levels (Torres-Sospedra et al. 2014), TUT3 a building of five (Lohan et al. 2017), LIB1 two levels of a
+library (Mendoza-Silva et al. 2018). Places are metres on the ground; a published error of UJI1 is in metres of Web
+Mercator, of which one is 0.766 m there.
+
+**Handed out** every 300 s: one scan. Places follow in an order that says nothing, none twice in a row, so that a scan
+is to be placed by itself, as the papers do. **Given**: a radio map at surveyed places; nothing of the start.
+
+**Scores** of the papers: `mean_m` and `level_hit_rate`. Levels of different buildings share numbers; a wrong building
+shows as distance.
+
+**What is hard**: test scans of UJI1 come months later, with other phones and at other places than the survey; the
+survey of TUT3 is sparse, one scan at a place.
+
+**Splits**: `test` is the published test part with the whole training part as survey: 40 walks of each set. `val` is a
+fifth of the training places, `train` the others in four folds; their survey lacks the places of their fold. All scans
+at a place are of one walk, at most four of them outside of `test`. Who walked, and with which phone, is not in the
+files. Units of replication are therefore walks, that is groups of places: 120 in `test`, all of three sets, so that
+intervals hold for other places of these sets, not for other buildings. Groups of results are the sets.
+"""
+
+
+class Group(NamedTuple):
+    """Places that make a walk.
+
+    Attributes:
+        of: Name of the set.
+        fold: Of the training places; None in test.
+        number: Of the group, in its set and fold.
+    """
+
+    of: str
+    fold: int | None
+    number: int
+
+    @property
+    def split(self) -> str:
+        """Split of the walk."""
+        return "test" if self.fold is None else "train" if self.fold else "val"
+
+
+def task() -> Task:
+    """The environment."""
+    registered = dataset(DATASET)
+    walks = groups()
+    return Task(
+        id=ENV,
+        summary="Scans of three published fingerprint sets at surveyed places, radio survey, start unknown",
+        description=_DESCRIPTION,
+        sensors=(sensor_spec("wifi"),),
+        capacity={"wifi": CAPACITY},
+        period_s=PAUSE_S,
+        start="unknown",
+        walks={split: tuple(w for w, group in walks.items() if group.split == split) for split in SPLITS[:3]},
+        load=load,
+        tell_start=start_place,
+        radio_map=lambda recording: survey(*groups()[recording.id][:2]),
+        licence=registered.licence,
+        source=f"{registered.source_url} commit {registered.commit}",
+        dataset=DATASET,
+        units={walk: walk for walk in walks},
+        unit_kind="group of places",
+        groups={walk: group.of for walk, group in walks.items()},
+        folds={walk: group.fold for walk, group in walks.items() if group.split == "train" and group.fold is not None},
+    )
+
+
+@functools.cache
+def groups() -> Mapping[str, Group]:
+    """Group by walk, in the order of play; no file is needed."""
+    tests = [Group(of, None, number) for of in TRAIN_WALKS for number in range(TEST_WALKS)]
+    others = [
+        Group(of, fold, number)
+        for of, num_walks in TRAIN_WALKS.items()
+        for fold in range(FOLDS)
+        for number in range(num_walks)
+    ]
+    named = {f"{group.split}-{opaque_id(' '.join(map(str, group)), _ID_KEY)}": group for group in (*tests, *others)}
+    return dict(sorted(named.items()))
+
+
+def load(walk: str) -> Recording:
+    """The scans of one group of places.
+
+    Raises:
+        UnknownNameError: There is no such walk.
+        DatasetError: The file of its set is not available, or was changed.
+    """
+    if walk not in groups():
+        raise unknown_name(f"walk of {ENV}", walk, groups())
+    group = groups()[walk]
+    rows, part = rows_of(group), _part(group.of, group.fold)
+    t_s = np.arange(len(rows)) * PAUSE_S
+    scan, access_point = np.nonzero(~np.isnan(part.rssi_dbm[rows]))
+    none = np.zeros(len(scan))  # of frequency, which is not in the files, and of age
+    wifi = np.column_stack([t_s[scan], access_point, part.rssi_dbm[rows][scan, access_point], none, none])
+    reference = Trajectory(t_s, part.xy_m[rows], part.level[rows], np.ones(len(rows), dtype=np.bool_))
+    return Recording(walk, None, {"wifi": SensorStream(sensor_spec("wifi"), wifi)}, reference)
+
+
+@functools.lru_cache(maxsize=3)  # of up to 15 MB
+def survey(of: str, fold: int | None) -> RadioMap:
+    """The training part of a set, without the places of a fold, and without scans that some of these repeat."""
+    part = fingerprints(of).train
+    place, rank = _places(of, is_test=False)
+    whole = replace(part.radio_map(), walk=place)
+    if fold is None:
+        return whole
+    is_out = rank[place] % FOLDS == fold
+    scans = [scan.tobytes() for scan in np.nan_to_num(part.rssi_dbm).astype(np.int8)]
+    left_out = {scan for scan, out in zip(scans, is_out, strict=True) if out}
+    return scans_of(whole, np.array([scan not in left_out for scan in scans]))
+
+
+def rows_of(group: Group) -> IntArray:
+    """(N,) rows of the part that a walk is made of: first one of each place, then a second one, and so on."""
+    place, rank = _places(group.of, is_test=group.fold is None)
+    if group.fold is None:
+        mine = rank % TEST_WALKS == group.number
+    else:
+        mine = (rank % FOLDS == group.fold) & (rank // FOLDS % TRAIN_WALKS[group.of] == group.number)
+    rows = _shuffled(np.flatnonzero(mine[place]).tolist(), f"{group.of} {group.split}")
+    seen = dict.fromkeys(place[rows].tolist(), 0)
+    turn = []
+    for row in rows:
+        seen[int(place[row])] += 1
+        turn.append((seen[int(place[row])], rank[place[row]], row))
+    return np.array([row for count, _, row in sorted(turn) if group.fold is None or count <= MAX_SCANS])
+
+
+@functools.lru_cache(maxsize=6)
+def _places(of: str, *, is_test: bool) -> tuple[IntArray, IntArray]:
+    """Number of the place of each row (N,), and where each place (P,) stands in a shuffled order."""
+    part = _part(of, None if is_test else 0)
+    labels = np.column_stack([part.building, part.level, part.xy_m])
+    labels, place = np.unique(labels, axis=0, return_inverse=True)
+    rank = np.empty(len(labels), dtype=np.int64)
+    rank[_shuffled(range(len(labels)), f"{of} {is_test}")] = np.arange(len(labels))
+    return place.ravel(), rank
+
+
+def _shuffled(numbers: Iterable[int], what: str) -> list[int]:
+    return sorted(numbers, key=lambda number: opaque_id(f"{what} {number}", _ID_KEY))
+
+
+def _part(of: str, fold: int | None) -> SurveyRows:
+    return fingerprints(of).test if fold is None else fingerprints(of).train
+
+
+@functools.lru_cache(maxsize=len(TRAIN_WALKS))
+def fingerprints(of: str) -> FingerprintSet:
+    """Reads a set once it is known to be the one that is registered."""
+    file = next(row for row in dataset(DATASET).files if row.path == f"{of}.mat")
+    return read(checked_file(find(DATASET) / file.path, file.sha256, DATASET, _REMEDY))
