@@ -191,7 +191,8 @@ def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(
         **dict.fromkeys(("scan 0–3 m", "scan 3–10 m", "scan > 10 m"), ("radio", 6, 12)),
     }
     frame = results.walks()
-    here = frame[(frame.localizer == row["localizer"]) & frame["walk"].map(lambda walk: groups[walk][0]).eq("seen floor")]
+    is_seen = frame["walk"].map(lambda walk: groups[walk][0]).eq("seen floor")
+    here = frame[(frame.localizer == row["localizer"]) & is_seen]
     found = strata["seen floor"]["metrics"]["p75_level_penalised_m"]
     assert found["value"] == pytest.approx(here.groupby("walk")["p75_level_penalised_m"].mean().mean())
     assert found["low"] < found["value"] < found["high"]
