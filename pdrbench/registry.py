@@ -42,7 +42,7 @@ HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no loc
 WARM_UPS_GROUP = "pdrbench.warm_ups"
 LAUNCHERS_GROUP = "pdrbench.launchers"  # what starts processes of localizers, by the kind of isolation
 HELD_OUT_GROUP = "pdrbench.held_out"  # what makes held-out walks of recordings, under "recorded"
-PROTOCOLS_GROUP = "pdrbench.protocols"  # how many walks and seeds an environment is played with
+BOARDS_GROUP = "pdrbench.boards"  # functions that return the environments of boards by name
 
 Thing = TypeVar("Thing")
 

@@ -75,6 +75,8 @@ class Task:
         units: Name of the unit of replication of each walk, what a new sample would draw anew: a recording session, a
             person. Intervals and tests resample whole units. Empty: the building of each walk is its unit.
         unit_kind: What a unit is, for tables: "building", "session", "person", "route".
+        noise_m: Error of the reference: in a ranking no walk counts as better. 0.01: positions surveyed by a laser or
+            by cameras on a wall, and generated ones.
         groups: Names of the groups of results that a walk counts in besides all walks, as "unseen floor"; a walk may
             have none. Never given to a localizer.
         folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
@@ -103,6 +105,7 @@ class Task:
     files_sha256: Callable[[str], str] = registered_files
     units: Mapping[str, str] = field(default_factory=dict)
     unit_kind: str = "building"
+    noise_m: float = 0.01
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)

@@ -1,7 +1,5 @@
 """Submissions: suites, bundles, checking, verification, confinement, and the leaderboards made of them."""
 
-PROTOCOLS = {"leaderboard": "pdrbench_leaderboard.suites:protocol"}
-
 LAUNCHERS = {"confined": "pdrbench_leaderboard.confine.launching:ConfinedLauncher"}
 
 HELD_OUT = {"recorded": "pdrbench_leaderboard.replays:replayed"}

@@ -125,15 +125,3 @@ def successor(name: str) -> str:
     """
     stem = name.rpartition("-v")[0]
     return next((known for known in suites() if stem and known.rpartition("-v")[0] == stem), "SUITE")
-
-
-def protocol(env: str) -> tuple[int, int] | None:
-    """Walks and seeds of an environment in the newest suite that has it; None where none has.
-
-    >>> protocol("OfficeFoot-v2"), protocol("Elsewhere-v0")
-    ((12, 5), None)
-    """
-    found = [
-        (listed.walks, suite.seeds) for suite in suites().values() for listed in suite.environments if listed.env == env
-    ]
-    return found[-1] if found else None

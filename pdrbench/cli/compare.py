@@ -9,15 +9,18 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
+    AllColumns,
+    Columns,
     Confined,
     Isolation,
     Jobs,
     Nonce,
     Scheduler,
-    SeedsOrNone,
+    Seeds,
     Split,
     Strict,
     Walks,
+    columns_of,
     complete_env,
     complete_localizer,
     exit_on,
@@ -52,7 +55,7 @@ def compare(
         ),
     ] = None,
     split: Split = None,
-    seeds: SeedsOrNone = None,
+    seeds: Seeds = 1,
     walks: Walks = None,
     jobs: Jobs = 1,
     out: Annotated[
@@ -66,6 +69,8 @@ def compare(
     every: Annotated[
         bool, typer.Option("--all", help="Name every localizer that is left out, and why, in place of their number.")
     ] = False,
+    columns: Columns = "",
+    all_columns: AllColumns = False,
     strict: Strict = False,
     isolation: Isolation = "process",
     confined: Confined = False,
@@ -75,14 +80,15 @@ def compare(
 ) -> None:
     """Compare the localizers that suit environments: a table for each environment, and a folder of plots.
 
-    Walks and seeds are those of the leaderboards. What a run before has stored is not computed again. Exit 1 where a
+    Best first: rank, ratio to the best, geometric mean of the walks' third quartile of the error (which ranks), mean
+    error, and the fraction of walks that were lost. What a run before has stored is not computed again. Exit 1 where a
     localizer fails on every walk.
     """
     from pdrbench.cli.scoreboard import failures, print_scores
     from pdrbench.evaluation.wording import score_tables, stacked
 
     with answer_only(as_json):
-        nonce = nonce_of(nonce)
+        nonce, shown = nonce_of(nonce), columns_of(columns, shows_all=all_columns)
         envs = (
             tuple(ready_environment(name, split) for name in dict.fromkeys(env))
             if env
@@ -112,18 +118,18 @@ def compare(
             )
         note("scoring")
         rows = results.rows()
-        notes = results.notes()
+        notes = results.notes(shown)
         note("drawing")
-        files = write_report(results, out)
+        files = write_report(results, out, columns=shown)
         if html is not None:
             pictures = [file for file in files if file.suffix == ".png"]
-            files.append(write_text(html, comparison_page(score_tables(rows, stacked), notes, pictures)))
+            files.append(write_text(html, comparison_page(score_tables(rows, stacked, shown), notes, pictures)))
         if latex is not None:
-            files.append(write_text(latex, results.to_latex()))
+            files.append(write_text(latex, results.to_latex(shown)))
     if as_json:
         print_json({"rows": rows})
     else:
-        print_scores(rows)
+        print_scores(rows, shown)
     for line in notes:
         note(line)
     if nonce:

@@ -36,22 +36,28 @@ Split = Annotated[
     typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test"),
 ]
 Seeds = Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every walk, each with its own seed.")]
-SeedsOrNone = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        metavar="N",
-        help="Repetitions of every walk, each with its own seed.",
-        show_default="1; those of the leaderboard, or 5, where a localizer draws random numbers",
-    ),
-]
 Walks = Annotated[
     int | None,
     typer.Option(
         min=1,
         metavar="N",
         help="Only the first N walks of an environment.",
-        show_default="those of its leaderboard, else all",
+        show_default="all",
+    ),
+]
+Columns = Annotated[
+    str,
+    typer.Option(
+        metavar="NAMES",
+        help="Columns of the tables, as rank,p95_m,outside_pct; `pdrbench list metrics` has their names.",
+        show_default="rank,ratio_to_best,p75_geometric_m,mean_m,lost",
+    ),
+]
+AllColumns = Annotated[
+    bool,
+    typer.Option(
+        "--all-columns",
+        help="Besides the usual columns those of level, map, coverage and time, where they apply.",
     ),
 ]
 Strict = Annotated[
@@ -99,6 +105,15 @@ def isolation_of(isolation: IsolationKind, *, confined: bool) -> Literal["proces
     if confined and isolation == "none":
         raise PdrbenchError("--confined is of a process of its own, and --isolation none of this one: leave one out")
     return "confined" if confined else isolation
+
+
+def columns_of(names: str, *, shows_all: bool) -> tuple[str, ...] | None:
+    """Columns that were asked for; None for the usual ones."""
+    from pdrbench.evaluation.wording import ALL_COLUMNS, check_columns
+
+    if names and shows_all:
+        raise PdrbenchError("--columns names the columns and --all-columns shows all: leave one out")
+    return ALL_COLUMNS if shows_all else check_columns([name.strip() for name in names.split(",")]) if names else None
 
 
 def make_folder(folder: Path) -> Path:

@@ -92,7 +92,7 @@ def print_table(
     if sum(_needed(names[i], head[names[i]], [row[i] for row in rows], min_text=0) for i in shown) > width:
         _print_paragraphs([names[i] for i in shown], [[row[i] for i in shown] for row in rows], title, width)
     else:
-        table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
         for i in shown:
             table.add_column(names[i], **head[names[i]])
         is_cut = head[names[shown[-1]]].get("overflow") == "ellipsis"
@@ -100,6 +100,8 @@ def print_table(
         for row in rows:
             *cells, last = (plain_text(row[i]) for i in shown)
             table.add_row(*cells, last if left is None or len(last) <= left else f"{last[: left - 1].rstrip()}…")
+        if title:
+            console().print(title)
         console().print(table)
     if len(shown) < len(names):
         left_out = ", ".join(name.replace("\n", "") for i, name in enumerate(names) if i not in shown)

@@ -14,7 +14,7 @@ from pdrbench.cli.options import (
     Jobs,
     Nonce,
     Scheduler,
-    SeedsOrNone,
+    Seeds,
     Split,
     Strict,
     Walks,
@@ -37,7 +37,7 @@ def run(
     ],
     env: Annotated[str, typer.Argument(metavar="ENV", autocompletion=complete_env, help="Registered environment.")],
     split: Split = None,
-    seeds: SeedsOrNone = None,
+    seeds: Seeds = 1,
     walks: Walks = None,
     jobs: Jobs = 1,
     out: Annotated[

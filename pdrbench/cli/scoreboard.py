@@ -2,50 +2,39 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from pdrbench.cli.output import print_table
-from pdrbench.evaluation.wording import score_tables, stacked
+from pdrbench.evaluation.wording import MORE_COLUMNS, score_tables, stacked
 from pdrbench.result import FAILED, ONLINE, UNSUITABLE, Result
 
-# How a long name of a column is broken over lines.
-LABELS: Final = {
-    "p75_geometric_m": "p75_geo\nmetric_m",
-    "ratio_to_best": "ratio\nto_best",
-    "pooled_mean_m": "pooled\n_mean_m",
-    "level_hit_rate": "level\n_hit_rate",
-    "convergence_s": "convergence\n_s",
-    "energy_score_m": "energy\n_score_m",
-    "ate_se2_aligned_m": "ate_se2\n_aligned_m",
-    "loop_closure_pct": "loop\n_closure_pct",
-}
-DISPENSABLE: Final = (
-    *("outside_pct", "coverage_95", "energy_score_m", "claimed_correct"),
-    "step_p50_ms",
-    "availability",
-    "pooled_mean_m",
-    "p75_m",
-    "p50_m",
-    "p95_m",
-    "level_hit_rate",
-    "convergence_s",
-    "loop_closure_pct",
-    "p_holm",
-    "mean_m",
-    "ratio_to_best",
-)  # the first goes first
+DISPENSABLE: Final = (*reversed(MORE_COLUMNS), "mean_m", "lost", "ratio_to_best")  # the first goes first
+LONGEST_HEAD: Final = 12  # characters of a line of a head: about as many as an interval has
 
 Row = Mapping[str, Any]
 
 
-def print_scores(rows: Sequence[Row]) -> None:
+def print_scores(rows: Sequence[Row], columns: Sequence[str] | None = None) -> None:
     """One table per environment and split; localizers that declined every walk are left to the footnotes."""
-    for title, names, cells in score_tables(rows, stacked):
-        labels = [LABELS.get(name, name) for name in names]
-        head: dict[str, Mapping[str, Any]] = {label: {"justify": "right", "no_wrap": True} for label in labels}
+    for title, names, cells in score_tables(rows, stacked, columns):
+        head: dict[str, Mapping[str, Any]] = {_broken(name): {"justify": "right", "no_wrap": True} for name in names}
         head["localizer"] = {"no_wrap": True}
-        print_table(head, cells, title, [LABELS.get(name, name) for name in DISPENSABLE])
+        print_table(head, cells, title, [_broken(name) for name in DISPENSABLE])
+
+
+def _broken(name: str) -> str:
+    """A long name of a column over lines.
+
+    >>> _broken("p75_geometric_m")
+    'p75\\n_geometric_m'
+    """
+    lines: list[str] = []
+    for part in re.split("(?=_)", name):
+        fits = lines and len(lines[-1]) + len(part) <= LONGEST_HEAD
+        lines = [*lines[:-1], lines[-1] + part] if fits else [*lines, part]
+    return "\n".join(lines)
 
 
 def is_declined(results: Sequence[Result]) -> bool:

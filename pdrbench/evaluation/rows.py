@@ -13,16 +13,15 @@ import numpy as np
 from pdrbench.evaluation.scoring import Scored
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled
-from pdrbench.metrics.statistics import SUMMARIES, compare_pairs, mean_interval, over_seeds, quantile_interval
+from pdrbench.metrics.ranking import rank
+from pdrbench.metrics.statistics import MIN_UNITS, SUMMARIES, mean_interval, over_seeds, quantile_interval
 from pdrbench.registry import make_task
-from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, FAILED, OFFLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 
 Row = Mapping[str, Any]
 WALK_VALUE: Final = "p75_level_penalised_m"  # of a walk: EvAAL
 RANKING: Final = "p75_geometric_m"  # of a row: geometric mean of it over walks
-MIN_RANKED_M: Final = 0.01  # no walk counts as better: surveyed positions are no more exact
-SIGNIFICANT: Final = 0.05  # p-value, corrected, below which two localizers are told apart
 DRAW_SEED: Final = 0  # the same results give the same p-values
 STRATUM_METRICS: Final = ("mean_m", "p75_m", "p95_m", "p75_level_penalised_m", "level_hit_rate")
 SCAN_EDGES_M: Final = (3.0, 10.0)  # of the distance to the nearest scan: beside one, between some, where none was made
@@ -38,89 +37,83 @@ def rows_of(pairs: Sequence[tuple[Result, Scored]]) -> list[dict[str, Any]]:
     rows = {place: _row(group, make_task(group[0][0].task)) for place, group in groups.items()}
     for board in dict.fromkeys(place[:3] for place in groups):
         of = {place[3]: group for place, group in groups.items() if place[:3] == board}
-        for name, (rank, metrics) in _ranked(of).items():
-            rows[*board, name]["rank"] = rank
-            rows[*board, name]["metrics"] |= metrics
+        for name, added in _ranked(of, make_task(next(iter(of.values()))[0][0].task)).items():
+            row = rows[*board, name]
+            row |= {**added, "metrics": row["metrics"] | added["metrics"]}
     return list(rows.values())
 
 
 def _row(group: Sequence[tuple[Result, Scored]], task: Task) -> dict[str, Any]:
     """One localizer on one split of a task in one division."""
     first = group[0][0]
+    walks = {result.walk for result, _ in group}
     statuses = Counter(result.status for result, _ in group)
     times_s = [result.revise_s for result, _ in group if first.division == OFFLINE and math.isfinite(result.revise_s)]
     played = [(result, scored) for result, scored in group if result.status != UNSUITABLE]
+    num_units = len({scored.unit for _, scored in played})
+    if num_units < MIN_UNITS:  # the walks of those people or buildings are the units then, and tables say so
+        played = [(result, replace(scored, unit=result.walk)) for result, scored in played]
     return {
         "env": first.env,
         "localizer": first.localizer,
         "split": first.split,
         "division": first.division,
-        "walks": len({result.walk for result, _ in played}),
-        "of": len({result.walk for result, _ in group}),
+        "walks": len(walks - {result.walk for result, _ in group if result.status != COMPLETE}),
+        "of": len(walks),
         "rank": None,
+        "smallest_ratio": None,
         "seeds": len({result.seed for result, _ in group}),
         "failed": statuses[FAILED],
         "unsuitable": statuses[UNSUITABLE],
         "revise_s": float(np.mean(times_s)) if times_s else None,
-        "units": len({scored.unit for _, scored in played}),
+        "units": num_units,
         "unit_kind": task.unit_kind,
         "start": task.start,
         "note": task.note,
         "metrics": _metrics(played, METRICS) if played else {},
-        "strata": _strata(group, task) if played else [],
+        "strata": _strata(played, group, task),
     }
 
 
-def _ranked(groups: Mapping[str, Sequence[tuple[Result, Scored]]]) -> dict[str, tuple[list[int], dict[str, Any]]]:
-    """Rank and metrics of ranking of each localizer of an environment, a split and a division.
+def _ranked(groups: Mapping[str, Sequence[tuple[Result, Scored]]], task: Task) -> dict[str, dict[str, Any]]:
+    """What ranking adds to the row of each localizer of an environment, a split and a division; see `metrics.ranking`.
 
-    Localizers are ranked by the geometric mean over walks of the third quartile of the level-penalised error, and told
-    apart by the logarithms of those on the same walks and seeds. The rank is an interval: of the places that the paired
-    tests cannot exclude.
+    A walk counts where the localizer played it to its end with every seed.
     """
-    values, units = side_by_side(groups, lambda scored: math.log(max(scored.scores[WALK_VALUE], MIN_RANKED_M)))
-    values = {name: of for name, of in values.items() if np.isfinite(of).any()}
-    if not values:
+
+    def log_m(result: Result, scored: Scored) -> float:
+        return math.log(max(scored.scores[WALK_VALUE], task.noise_m)) if result.status == COMPLETE else math.nan
+
+    logs, units = side_by_side(groups, log_m)
+    if not any(np.isfinite(of).any() for of in logs.values()):
         return {}
-    means = {name: float(np.nanmean(of)) for name, of in values.items()}
-    best = min(means, key=means.__getitem__)
-    found = compare_pairs(values, rng=np.random.default_rng(DRAW_SEED), units=units) if len(values) > 1 else ()
-    ahead, behind = Counter[str](), Counter[str]()
-    to_best: dict[str, tuple[float, float, float, int, float]] = {}
-    for pair in found:
-        if pair.p_holm < SIGNIFICANT and math.isfinite(pair.low):
-            ahead[pair.second if pair.effect < 0 else pair.first] += 1
-            behind[pair.first if pair.effect < 0 else pair.second] += 1
-        if best in (pair.first, pair.second) and pair.num_walks:
-            is_first = best == pair.first
-            ends = (-pair.effect, -pair.high, -pair.low) if is_first else (pair.effect, pair.low, pair.high)
-            effect, low, high = map(math.exp, ends)
-            to_best[pair.second if is_first else pair.first] = effect, low, high, pair.num_walks, pair.p_holm
-    ranked = {}
-    for name, of in values.items():
-        low, high = map(math.exp, mean_interval(of, units))
-        metrics = {RANKING: _number(math.exp(means[name]), "m", low, high, int(np.isfinite(of).sum()))}
-        if name == best:
-            metrics["ratio_to_best"] = _number(1.0, "", math.nan, math.nan, int(np.isfinite(of).sum()))
-        elif name in to_best:
-            ratio, low, high, num_walks, p_holm = to_best[name]
-            metrics["ratio_to_best"] = _number(ratio, "", low, high, num_walks)
-            is_tested = math.isfinite(low)  # too few units say nothing
-            p_value = p_holm if is_tested else math.nan
-            metrics["p_holm"] = _number(p_value, "", math.nan, math.nan, num_walks if is_tested else 0)
-        ranked[name] = [1 + ahead[name], len(values) - behind[name]], metrics
-    return ranked
+    values = {name: {task.id: np.exp(of)} for name, of in logs.items()}
+    rng = np.random.default_rng(DRAW_SEED)
+    ranking = rank(values, units={task.id: units}, noise_m={task.id: task.noise_m}, rng=rng)
+    smallest = ranking.smallest_ratio()
+    return {
+        of.name: {
+            "rank": list(of.rank),
+            "smallest_ratio": smallest if math.isfinite(smallest) else None,
+            "metrics": {
+                RANKING: _number(of.score_m, "m", of.low_m, of.high_m, of.walks),
+                "ratio_to_best": _number(of.ratio, "", of.ratio_low, of.ratio_high, of.walks),
+                "p_holm": _number(of.p_holm, "", math.nan, math.nan, of.walks if math.isfinite(of.p_holm) else 0),
+            },
+        }
+        for of in ranking.standings
+    }
 
 
 def side_by_side(
-    groups: Mapping[str, Sequence[tuple[Result, Scored]]], value: Callable[[Scored], float]
+    groups: Mapping[str, Sequence[tuple[Result, Scored]]], value: Callable[[Result, Scored], float]
 ) -> tuple[dict[str, FloatArray], list[str]]:
-    """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the units.
+    """Per localizer (W,) means over the seeds that all have, on all walks in the same order; and the units.
 
     A localizer with one seed does not draw: its walks count as those of every seed. NaN where a walk was declined.
     """
     cells = {
-        name: {(result.walk, result.seed): value(scored) if scored.scores else math.nan for result, scored in group}
+        name: {(r.walk, r.seed): value(r, scored) if scored.scores else math.nan for r, scored in group}
         for name, group in groups.items()
     }
     unit = {result.walk: scored.unit for group in groups.values() for result, scored in group}
@@ -131,14 +124,8 @@ def side_by_side(
     shared = [[(walk, seed) for seed in seeds if all((walk, seed) in of for of in cells.values())] for walk in unit]
     walks = [walk for walk, of in zip(unit, shared, strict=True) if of]
     shared = [of for of in shared if of]
-    values = {name: np.array([_mean(cells[name][place] for place in of) for of in shared]) for name in groups}
+    values = {name: np.array([np.mean([cells[name][place] for place in of]) for of in shared]) for name in groups}
     return values, [unit[walk] for walk in walks]
-
-
-def _mean(numbers: Iterable[float]) -> float:
-    """Of the numbers that are not NaN."""
-    known = [number for number in numbers if not math.isnan(number)]
-    return sum(known) / len(known) if known else math.nan
 
 
 def _number(value: float, unit: str, low: float, high: float, n: int) -> dict[str, Any]:
@@ -154,22 +141,28 @@ def _metrics(played: Sequence[tuple[Result, Scored]], names: Iterable[str]) -> d
     return {name: _entry(values, codes, METRICS[name]) for name, values in cubes} | _pooled_entries(played)
 
 
-def _strata(group: Sequence[tuple[Result, Scored]], task: Task) -> list[dict[str, Any]]:
+def _strata(
+    played: Sequence[tuple[Result, Scored]], group: Sequence[tuple[Result, Scored]], task: Task
+) -> list[dict[str, Any]]:
     """Results of the groups of walks that a task has, and of places by their distance to the nearest survey scan."""
     parts: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
-    declined: Counter[str] = Counter()
-    for result, scored in group:
+    declined = Counter(
+        name for result, _ in group if result.status == UNSUITABLE for name in task.groups.get(result.walk, ())
+    )
+    for result, scored in played:
         for name in task.groups.get(result.walk, ()):
-            if result.status == UNSUITABLE:
-                declined[name] += 1
-            else:
-                parts.setdefault(("group", name), []).append((result, scored))
+            parts.setdefault(("group", name), []).append((result, scored))
     for number, name in enumerate(SCAN_STRATA):
-        for result, scored in group:
+        for result, scored in played:
             is_here = (np.digitize(scored.scan_m, SCAN_EDGES_M) == number) & ~np.isnan(scored.scan_m)
             errors_m = scored.errors_m[is_here]
             if len(errors_m):
-                here = replace(scored, errors_m=errors_m, scores={"mean_m": float(errors_m.mean())})
+                here = replace(
+                    scored,
+                    errors_m=errors_m,
+                    penalised_m=scored.penalised_m[is_here],
+                    scores={"mean_m": float(errors_m.mean())},
+                )
                 parts.setdefault(("radio", name), []).append((result, here))
     return [
         {
@@ -206,14 +199,17 @@ def _entry(values: FloatArray, units: IntArray, metric: Metric) -> dict[str, Any
 
 
 def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[str, Any]]:
-    by_walk: dict[str, list[FloatArray]] = {}
+    by_walk: dict[str, list[Scored]] = {}
     for result, scored in played:
         if len(scored.errors_m):
-            by_walk.setdefault(result.walk, []).append(scored.errors_m)
-    unit = {result.walk: scored.unit for result, scored in played}
-    samples = [np.concatenate(errors) for errors in by_walk.values()]
-    values = pooled(samples)
-    ends = _pooled_intervals(samples, [unit[walk] for walk in by_walk]) if samples else {}
+            by_walk.setdefault(result.walk, []).append(scored)
+    samples = [np.concatenate([scored.errors_m for scored in of]) for of in by_walk.values()]
+    penalised_m = [np.concatenate([scored.penalised_m for scored in of]) for of in by_walk.values()]
+    values = pooled(samples, penalised_m)
+    units = [of[0].unit for of in by_walk.values()]
+    ends = _pooled_intervals(samples, units) if samples else {}
+    if samples:
+        ends["pooled_p75_level_penalised_m"] = quantile_interval(penalised_m, 0.75, units)
     entries = {}
     for name, metric in POOLED.items():
         low, high = ends.get(name, (math.nan, math.nan))

@@ -9,7 +9,7 @@ import itertools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +23,7 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS, errors_m, hold_at
 from pdrbench.metrics import score as score_estimates
+from pdrbench.metrics.competition import penalised_errors_m
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
@@ -51,6 +52,7 @@ class Scored:
     diagonal_m: float = math.nan
     level_span: int = 0
     truth: tuple[Trajectory, Building | None] | None = None  # reference and map; None where scores were kept
+    penalised_m: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) `errors_m` with penalties of EvAAL
 
 
 def score(result: Result) -> dict[str, float]:
@@ -161,7 +163,10 @@ class KeptScores:
             self._known = known if origin == self._origin else {}
             rows = {index: self._known[digest] for index, digest in enumerate(self._digests) if digest in self._known}
             return {
-                index: Scored(row[0], row[1], row[2], np.frombuffer(row[3]), np.frombuffer(row[4]), row[5], row[6])
+                index: Scored(
+                    *(row[0], row[1], row[2], np.frombuffer(row[3]), np.frombuffer(row[4]), row[5], row[6], None),
+                    np.frombuffer(row[7]),
+                )
                 for index, row in rows.items()
             }
         return {}
@@ -169,7 +174,10 @@ class KeptScores:
     def write(self, scored: Sequence[Scored]) -> None:
         """Keeps the scores of what was read; where that is impossible, they are computed again."""
         rows = {
-            digest: [s.scores, s.building, s.unit, s.errors_m.tobytes(), s.scan_m.tobytes(), s.diagonal_m, s.level_span]
+            digest: [
+                *(s.scores, s.building, s.unit, s.errors_m.tobytes(), s.scan_m.tobytes()),
+                *(s.diagonal_m, s.level_span, s.penalised_m.tobytes()),
+            ]
             for digest, s in zip(self._digests, scored, strict=True)
         }
         kept = self._known | rows
@@ -245,9 +253,12 @@ def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatAr
         period_s=task.period_s,
         reset_s=result.reset_s,
         missing=result.missing,
+        mounting=recording.mounting,
     )
     held = hold_at(result.estimates, recording.reference.t_s, fallback)
-    return Scored(scores, building, unit, errors_m(held, recording.reference), scan_m, *_seen(recording))
+    errors = errors_m(held, recording.reference)
+    penalised_m = penalised_errors_m(held, recording.reference)
+    return Scored(scores, building, unit, errors, scan_m, *_seen(recording), penalised_m)
 
 
 def _seen(recording: Recording) -> tuple[float, int, tuple[Trajectory, Building | None]]:

@@ -8,7 +8,6 @@ import sys
 import tempfile
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -17,20 +16,17 @@ from pdrbench.evaluation import pool, store
 from pdrbench.evaluation.inprocess_run import compute_in_process
 from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.process_run import compute_in_child
-from pdrbench.evaluation.protocol import PROBED_WALKS
 from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
-from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
+from pdrbench.evaluation.walk_job import NONE, plan_walks
 from pdrbench.process.budget import Budget, SuiteBudget
 from pdrbench.process.launch import Isolation
 from pdrbench.registry import canonical_localizer
-from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
 
 STANDARD: Final = Budget()
-PROBE_FOLDER: Final = "second-seed"  # below the folder of the results
-SCORES_FOLDER: Final = "scores"  # there too
+SCORES_FOLDER: Final = "scores"  # below the folder of the results
 
 
 def evaluate(
@@ -38,7 +34,7 @@ def evaluate(
     envs: str | Sequence[str],
     *,
     split: str | None = None,
-    seeds: int | None = None,
+    seeds: int = 1,
     walks: int | Sequence[str] | None = None,
     jobs: int = 1,
     out: Path | str | None = None,
@@ -63,10 +59,9 @@ def evaluate(
         envs: Environment ids.
         split: "train", "val", "test" or "heldout"; None: "test". A localizer that needs the truth is unsuitable for the
             last two.
-        seeds: Every walk is run with the seeds 0 to `seeds` - 1. None: 1, but as many as the leaderboard has (5 where
-            there is none) for a localizer whose answers on the first two walks of an environment differ between two.
-        walks: Only the first so many of the split, or those with these ids. None: those of the leaderboard of the
-            environment where the split is "test", else all.
+        seeds: Every walk is run with the seeds 0 to `seeds` - 1. One is enough: chance differs from walk to walk
+            anyway, and more walks tell more than more seeds.
+        walks: Only the first so many of the split, or those with these ids. None: all.
         jobs: Processes; none of them is this one.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
@@ -102,7 +97,7 @@ def evaluate(
     jobs_to_do = plan_walks(
         specs,
         split=split,
-        seeds=None if seeds is None else range(seeds),
+        seeds=range(seeds),
         walks=walks,
         parameters=parameters or {},
         budget=budget,
@@ -120,45 +115,9 @@ def evaluate(
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
             suite_budget=suite_budget,
         )
-        found: dict[str, Result] = {}
-        if seeds is None:
-            first = _first_walks(jobs_to_do)
-            found = run_all(first[0], context, jobs, is_warm=True, progress=progress, what="first walks")
-            drawing = _drawing(first, found, context, jobs, progress=progress)
-            jobs_to_do = [job for job in jobs_to_do if not job.seed or (job.env, job.localizer) in drawing]
-        rest = [job for job in jobs_to_do if job.name not in found]
-        found = found | run_all(rest, context, jobs, is_warm=True, progress=progress, what="walks")
+        found = run_all(jobs_to_do, context, jobs, is_warm=True, progress=progress, what="walks")
     kept = None if out is None else context.folder / SCORES_FOLDER
     return Results(tuple(found[job.name] for job in jobs_to_do), jobs=jobs, secret=secret, kept=kept)
-
-
-def _first_walks(every: Sequence[WalkJob]) -> tuple[list[WalkJob], list[WalkJob]]:
-    """Jobs with seed 0, and those with seed 1, on the first walks of each environment."""
-    walks: dict[str, list[str]] = {}
-    for env, walk in dict.fromkeys((job.env, job.walk) for job in every):
-        walks.setdefault(env, []).append(walk)
-    first = [job for job in every if job.walk in walks[job.env][:PROBED_WALKS]]
-    return [job for job in first if job.seed == 0], [job for job in first if job.seed == 1]
-
-
-def _drawing(
-    first: tuple[list[WalkJob], list[WalkJob]],
-    found: Mapping[str, Result],
-    context: JobContext,
-    jobs: int,
-    *,
-    progress: bool,
-) -> set[tuple[str, str]]:
-    """Environment and localizer wherever seed 1 gives other answers than seed 0; what seed 1 gives is kept apart."""
-    pairs = [pair for pair in zip(*first, strict=True) if found[pair[0].name].status != UNSUITABLE]
-    elsewhere = replace(context, folder=store.make_folder(context.folder / PROBE_FOLDER))
-    what = "walks with a second seed, to see which localizers draw random numbers"
-    others = run_all([other for _, other in pairs], elsewhere, jobs, is_warm=True, progress=progress, what=what)
-    return {
-        (job.env, job.localizer)
-        for job, other in pairs
-        if found[job.name].estimates.columns.tobytes() != others[other.name].estimates.columns.tobytes()
-    }
 
 
 def _listed(names: str | Sequence[str]) -> list[str]:

@@ -19,7 +19,7 @@ from pdrbench.errors import PdrbenchError, ResultError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.rows import DRAW_SEED, finite, rows_of, side_by_side
 from pdrbench.evaluation.scoring import Scored, score_all
-from pdrbench.evaluation.wording import footnotes, in_a_line, score_tables
+from pdrbench.evaluation.wording import brief, footnotes, in_a_line, score_tables
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import compare_pairs
 from pdrbench.registry import make_task
@@ -28,6 +28,7 @@ from pdrbench.result import Result, by_division
 if TYPE_CHECKING:
     import pandas as pd
 
+LATEX_HEADS: Final = {"ratio_to_best": "ratio", "p75_geometric_m": "p75 (m)", "mean_m": "mean (m)"}
 IDENTITY: Final = ("env", "localizer", "division", "split", "walk", "seed")
 
 
@@ -84,17 +85,20 @@ class Results:
 
         A localizer that revises its estimates when a walk is over has two: "online" by the answers as they were given,
         "offline" by those revised; `revise_s` is the mean wall time which that took. `of` walks were tried, `walks` of
-        them were not declined; `units` and `unit_kind` say of how many of what.
+        them played to their end; `units` and `unit_kind` say of how many of what.
 
         `metrics` has by name `value`, `unit`, `low`, `high` and `n`. `value` is the mean over walks of the mean over
         seeds, or the median of the median where the metric says so; `low` and `high` bound its 95 % interval by the
-        spread of whole units (`metrics.statistics.mean_interval`), None below four; `n` is the number of walks with
-        the metric. Names with `pooled_` are over all positions of all walks and seeds together. What does not apply is
-        None; so is a time that is infinite, which `n` shows: a value that is None for more than 0 walks.
+        spread of whole units (`metrics.statistics.mean_interval`), or of walks where there are fewer than four units,
+        None below four walks; `n` is the number of walks with the metric. Names with `pooled_` are over all positions
+        of all walks and seeds together. What does not apply is None; so is a time that is infinite, which `n` shows: a
+        value that is None for more than 0 walks.
 
-        `p75_geometric_m` is the geometric mean over walks of `p75_level_penalised_m`, `ratio_to_best` that of the ratio
-        to the localizer where it is smallest, on the same walks and seeds, `p_holm` the p-value of their difference,
-        corrected within environment, split and division. `rank` is [low, high]: the places that these tests leave.
+        `p75_geometric_m` is the geometric mean over walks of `p75_level_penalised_m`, `ratio_to_best` its ratio to the
+        best localizer that played every walk, `p_holm` the p-value of their difference, corrected within environment,
+        split and division. `rank` is [low, high]: the places that these tests leave, None where no walk was played to
+        its end; walks that are missing are imputed, see `metrics.ranking.rank`. `smallest_ratio` between neighbours
+        can be told by so many walks.
 
         `strata` holds the same of parts of the results: walks of one of the task's groups (`by` "group"), places by
         their distance to the nearest scan of a recorded survey ("radio"); `declined` counts runs that were declined.
@@ -149,46 +153,53 @@ class Results:
             of.setdefault(result.localizer, []).append((result, scored))
         found = []
         for (env, split, division), of in groups.items():
-            values, units = side_by_side(of, lambda scored: scored.scores[metric])
+            values, units = side_by_side(of, lambda _, scored: scored.scores[metric])
             rng = np.random.default_rng(DRAW_SEED)
             for pair in compare_pairs(values, rng=rng, units=units, better=better):
                 found.append({"env": env, "split": split, "division": division, "metric": metric} | asdict(pair))
         return pd.DataFrame(found)
 
-    def table(self) -> str:
-        """Plain text: one line for each localizer and division, and what to know when reading it."""
+    def table(self, columns: Sequence[str] | None = None) -> str:
+        """Plain text: one line for each localizer and division, and what to know when reading it.
+
+        Args:
+            columns: "rank" and names of metrics, as in `rows`; None: `COLUMNS`.
+        """
         text = []
-        for title, header, lines in score_tables(self._rows, in_a_line):
+        for title, header, lines in score_tables(self._rows, in_a_line, columns):
             widths = [max(len(line[column]) for line in [header, *lines]) for column in range(len(header))]
             rule = ["-" * width for width in widths]
             padded = [[cell.ljust(w) for cell, w in zip(line, widths, strict=True)] for line in (header, rule, *lines)]
             text += [title, *("  ".join(line).rstrip() for line in padded), ""]
-        return "\n".join([*text, *self.notes()])
+        return "\n".join([*text, *self.notes(columns)])
 
-    def to_markdown(self) -> str:
-        """The tables in Markdown."""
+    def to_markdown(self, columns: Sequence[str] | None = None) -> str:
+        """The tables in Markdown; `columns` as in `table`."""
         text = []
-        for title, header, lines in score_tables(self._rows, in_a_line):
+        for title, header, lines in score_tables(self._rows, in_a_line, columns):
             table = [header, [":--"] + ["--:"] * (len(header) - 1), *lines]
             text += [f"{title}:", ""]
             text += ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in table] + [""]
-        return "\n".join([*text, *(f"* {note}" for note in self.notes()), ""])
+        return "\n".join([*text, *(f"* {note}" for note in self.notes(columns)), ""])
 
-    def to_latex(self) -> str:
-        """The tables in LaTeX, for the package booktabs."""
+    def to_latex(self, columns: Sequence[str] | None = None) -> str:
+        """The tables in LaTeX, for the package booktabs; `columns` as in `table`.
+
+        One localizer a line with values alone fits a column of 85 mm in \\small; the interval stands with the ratio.
+        """
         text = []
-        for title, header, lines in score_tables(self._rows, in_a_line):
+        for title, header, lines in score_tables(self._rows, brief, columns, has_strata=False):
             text += [
                 f"% {title}",
                 rf"\begin{{tabular}}{{l{'r' * (len(header) - 1)}}}",
                 r"\toprule",
-                " & ".join(_latex(cell) for cell in header) + r" \\",
+                " & ".join(_latex(LATEX_HEADS.get(name, name)) for name in header) + r" \\",
                 r"\midrule",
                 *(" & ".join(_latex(cell) for cell in line) + r" \\" for line in lines),
                 r"\bottomrule",
                 r"\end{tabular}",
             ]
-        return "\n".join([*text, *(f"% {note}" for note in self.notes()), ""])
+        return "\n".join([*text, *(f"% {note}" for note in self.notes(columns)), ""])
 
     def to_csv(self, path: Path | str | None = None) -> str:
         """`frame` as CSV; also written to `path` where one is given."""
@@ -198,9 +209,9 @@ class Results:
         """`{"rows": rows()}` as JSON; also written to `path` where one is given."""
         return _written(json.dumps({"rows": self.rows()}, indent=2, allow_nan=False) + "\n", path)
 
-    def notes(self) -> list[str]:
+    def notes(self, columns: Sequence[str] | None = None) -> list[str]:
         """What to know when reading the tables, a line each."""
-        return footnotes(self._rows, self.results)
+        return footnotes(self._rows, self.results, columns)
 
 
 def load_results(folder: Path | str) -> Results:

@@ -21,7 +21,6 @@ from pdrbench.evaluation.origin import (
     target_sha256,
     versions,
 )
-from pdrbench.evaluation.protocol import protocol_of
 from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.process.budget import Budget
 from pdrbench.process.launch import Isolation, find_launcher
@@ -77,7 +76,7 @@ def plan_walks(
     specs: Mapping[str, Sequence[str]],
     *,
     split: str | None,
-    seeds: Sequence[int] | None,
+    seeds: Sequence[int],
     walks: int | Sequence[str] | None,
     parameters: Mapping[str, Any],
     budget: Budget,
@@ -104,10 +103,9 @@ def plan_walks(
             )
         version = environment_version(place or env)
         played = split or SCORED_SPLIT
-        protocol = protocol_of(env, played)
-        for walk in _chosen(task, played, protocol.walks if walks is None else walks):
+        for walk in _chosen(task, played, walks):
             for spec in of_env:
-                for seed in range(protocol.seeds) if seeds is None else seeds:
+                for seed in seeds:
                     ingredients: dict[str, Any] = {
                         "env": env,
                         "split": played,

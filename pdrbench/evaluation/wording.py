@@ -7,98 +7,93 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from pdrbench.errors import unknown_name
 from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.rows import RANKING, SCAN_STRATA, Row
-from pdrbench.metrics import METRICS
+from pdrbench.metrics import METRICS, POOLED
+from pdrbench.metrics.ranking import NUM_ENTRIES, POWER
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result, shown_name
 
-COMPARED: Final = ("rank", "ratio_to_best", "p_holm")  # columns that two localizers make
-SHOWN: Final = (
-    "rank",
-    RANKING,
-    "ratio_to_best",
-    "p_holm",
-    "mean_m",
-    "pooled_mean_m",
-    "p50_m",
-    "p75_m",
-    "p95_m",
-    "level_hit_rate",
-    "availability",
-    "step_p50_ms",
+COLUMNS: Final = ("rank", "ratio_to_best", RANKING, "mean_m", "lost")  # of a table where no others are asked for
+MORE_COLUMNS: Final = (
+    *("p_holm", "pooled_p75_level_penalised_m", "p95_m", "level_hit_rate", "outside_pct", "first_within_5m_s"),
+    *("coverage_95", "energy_score_m", "claimed_correct", "availability", "realtime_factor"),
 )
+ALL_COLUMNS: Final = (*COLUMNS, *MORE_COLUMNS)
 KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
-
-
-def _is_without_map(row: Row) -> bool:
-    """Whether no localizer is given a map: the only frame is the one in which the walk began."""
-    return bool(row.get("start") == KNOWN_START and not row["metrics"].get("outside_pct", {}).get("n", 0))
-
-
-def _is_aligned(row: Row) -> bool:
-    """Whether there is no map, and the walks were turned onto their references: one place fixes no direction."""
-    unturned = row["metrics"].get("ate_se2_translation_only", {}).get("value")
-    return _is_without_map(row) and unturned is not None and unturned < 1
-
-
-# What a table shows besides, where one of its rows has a value, and when.
-SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
-    "convergence_s": lambda row: row.get("start", KNOWN_START) != KNOWN_START,
-    "ate_se2_aligned_m": _is_aligned,
-    "loop_closure_pct": _is_without_map,
-    "claimed_correct": lambda _: True,
-    "energy_score_m": lambda _: True,
-    "coverage_95": lambda _: True,
-    "outside_pct": lambda _: True,
-}
 NOT_APPLICABLE: Final = "n/a"  # a stratum that a localizer declines
 
-
-def shown_besides(rows: Sequence[Row]) -> list[str]:
-    """Metrics that a table of these rows shows besides `SHOWN`."""
-    return [
-        name
-        for name, applies in SHOWN_WHERE.items()
-        if any(applies(row) and row["metrics"].get(name, {}).get("n", 0) for row in rows)
-    ]
+Cell = Callable[[str, Mapping[str, Any] | None], str]  # of a name and an entry of `metrics`, None where there is none
 
 
-Cell = Callable[[Mapping[str, Any] | None], str]  # text of an entry of `metrics`, None where there is none
+def check_columns(columns: Sequence[str]) -> tuple[str, ...]:
+    """The columns that were asked for; raises `UnknownNameError` where one is no metric."""
+    known = (*ALL_COLUMNS, *METRICS, *POOLED)
+    for name in columns:
+        if name not in known:
+            raise unknown_name("column", name, dict.fromkeys(known))
+    return tuple(dict.fromkeys(columns))
 
 
-def score_tables(rows: Sequence[Row], cell: Cell) -> list[tuple[str, list[str], list[list[str]]]]:
+def score_tables(
+    rows: Sequence[Row], cell: Cell, columns: Sequence[str] | None = None, *, has_strata: bool = True
+) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, names of the columns, and cells of each table: localizers and values, best first, offline below online.
 
     Each environment and split has a table, and a second one where its places or walks fall into strata. Localizers that
-    declined every walk are left to `footnotes`.
+    declined every walk are left to `footnotes`; of one that lacks walks the name says how many it played.
+
+    Args:
+        rows: As `Results.rows` has them.
+        cell: Text of an entry of `metrics`.
+        columns: Those of `ALL_COLUMNS` that no row has are left out; None: `COLUMNS`.
+        has_strata: Whether to make the second table.
     """
     tables: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        if row["walks"]:
+        if row["metrics"]:
             tables.setdefault((row["env"], row["split"]), []).append(row)
     found = []
     for (env, split), entries in tables.items():
         entries = sorted(entries, key=_place)
-        is_compared = any("p_holm" in row["metrics"] for row in entries)
-        names = [*(name for name in SHOWN if is_compared or name not in COMPARED), *shown_besides(entries)]
+        names = [name for name in columns or COLUMNS if _is_shown(name, entries, is_asked=columns is not None)]
         lines = [
-            [shown_name(row["localizer"], row["division"])]
-            + [rank_text(row["rank"]) if name == "rank" else cell(row["metrics"].get(name)) for name in names]
+            [shown_entry(row)]
+            + [rank_text(row["rank"]) if name == "rank" else cell(name, row["metrics"].get(name)) for name in names]
             for row in entries
         ]
-        intervals = describe_interval(max(row["units"] for row in entries), entries[0]["unit_kind"])
-        title = f"{env}, {split} split, {counted('walk', max(row['of'] for row in entries))}; {intervals}"
-        found.append((title, ["localizer", *names], lines))
+        most = max(row["of"] for row in entries)
+        intervals = describe_interval(max(row["units"] for row in entries), entries[0]["unit_kind"], most)
+        found.append((f"{env}, {split} split, {counted('walk', most)}; {intervals}", ["localizer", *names], lines))
         header, lines = strata_cells(entries, cell)
-        if lines:
+        if lines and has_strata:
             found.append((f"{env}, {split} split, by group of walks and distance to the nearest scan", header, lines))
     return found
 
 
-def _place(row: Row) -> tuple[bool, float]:
+def _is_shown(name: str, rows: Sequence[Row], *, is_asked: bool) -> bool:
+    """Whether a column says anything: a rank among several, a metric that applies, a time where a place is sought."""
+    if name in ("rank", "ratio_to_best", "p_holm"):
+        return len(rows) > 1
+    if name == "first_within_5m_s" and rows[0].get("start", KNOWN_START) == KNOWN_START:
+        return False
+    return any(row["metrics"].get(name, {}).get("n", 0) for row in rows) or (is_asked and name not in ALL_COLUMNS)
+
+
+def shown_entry(row: Row) -> str:
+    """The name of a row of a table, with the number of walks where some are missing.
+
+    >>> shown_entry({"localizer": "mine", "division": "online", "walks": 1, "of": 3})
+    'mine (1 of 3)'
+    """
+    name = shown_name(row["localizer"], row["division"])
+    return name if row["walks"] == row["of"] else f"{name} ({row['walks']} of {row['of']})"
+
+
+def _place(row: Row) -> tuple[bool, float, int]:
     value = row["metrics"].get(RANKING, {}).get("value")
-    return row["division"] == OFFLINE, math.inf if value is None else value
+    return row["division"] == OFFLINE, math.inf if value is None else round(value, 9), row["of"] - row["walks"]
 
 
 def rank_text(rank: Sequence[int] | None) -> str:
@@ -113,51 +108,75 @@ def rank_text(rank: Sequence[int] | None) -> str:
     return str(low) if low == high else f"{low}–{high}"
 
 
-def stacked(score: Mapping[str, Any] | None) -> str:
+def stacked(name: str, score: Mapping[str, Any] | None) -> str:
     """A value above its interval; a dash where it does not apply, "never" where it would be infinite.
 
-    >>> stacked({"value": 4.3149, "low": 3.9, "high": 4.8}).splitlines()
+    >>> stacked("mean_m", {"value": 4.3149, "low": 3.9, "high": 4.8}).splitlines()
     ['4.31', '3.90–4.80']
-    >>> stacked({"value": 0.0123, "low": float("nan"), "high": float("nan")})
-    '0.012'
-    >>> stacked({"value": None, "low": 31.0, "high": None, "n": 8}).splitlines()
+    >>> stacked("lost", {"value": 0.125, "low": float("nan"), "high": float("nan")})
+    '12 %'
+    >>> stacked("convergence_s", {"value": None, "low": 31.0, "high": None, "n": 8}).splitlines()
     ['never', '31.00–never']
     """
     if score is None or not (_is_number(score["value"]) or score.get("n", 0)):
         return NOTHING
-    value = decimals(score["value"])
-    return f"{value}\n{decimals(score['low'])}–{decimals(score['high'])}" if _is_number(score["low"]) else value
+    value = _text(name, score["value"])
+    ends = (_text(name, score[end]).removesuffix(" %") for end in ("low", "high"))
+    return f"{value}\n{'–'.join(ends)}" if _is_number(score["low"]) else value
 
 
-def in_a_line(score: Mapping[str, Any] | None) -> str:
+def in_a_line(name: str, score: Mapping[str, Any] | None) -> str:
     """A value and its interval.
 
-    >>> in_a_line({"value": 4.3149, "low": 3.9, "high": 4.8, "n": 5})
+    >>> in_a_line("mean_m", {"value": 4.3149, "low": 3.9, "high": 4.8, "n": 5})
     '4.31 [3.90, 4.80]'
     """
-    value, _, ends = stacked(score).partition("\n")
+    value, _, ends = stacked(name, score).partition("\n")
     return f"{value} [{ends.replace('–', ', ')}]" if ends else value
+
+
+def brief(name: str, score: Mapping[str, Any] | None) -> str:
+    """A value, for a narrow column of a paper; only a ratio has its interval.
+
+    >>> brief("mean_m", {"value": 4.3149, "low": 3.9, "high": 4.8, "n": 5})
+    '4.31'
+    """
+    return in_a_line(name, score) if name == "ratio_to_best" else stacked(name, score).partition("\n")[0]
+
+
+def _text(name: str, value: float | None) -> str:
+    """A number, a fraction of walks in percent."""
+    return f"{100 * value:.0f} %" if name == "lost" and value is not None else decimals(value)
 
 
 def _is_number(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def footnotes(rows: Sequence[Row], results: Sequence[Result]) -> list[str]:
-    """What to know when reading tables: how values are made, and what became of walks that are not complete."""
-    played = [row for row in rows if row["walks"]]
-    lines = ["mean over walks (seeds averaged first), pooled_ over all positions; percentiles by Hazen"]
-    if any("p_holm" in row["metrics"] for row in played):
-        lines.append(
-            f"rank and ratio_to_best by {RANKING} on the same walks; p_holm: sign-flip test, corrected by division"
-        )
-    medians = [name for name in shown_besides(rows) if METRICS[name].over_walks == "median"]
+def footnotes(rows: Sequence[Row], results: Sequence[Result], columns: Sequence[str] | None = None) -> list[str]:
+    """What to know when reading tables: how values are made, what they can tell, and which walks are not complete."""
+    played = [row for row in rows if row["metrics"]]
+    lines = [powers for powers in dict.fromkeys(map(_power, played)) if powers]
+    if any(row["walks"] != row["of"] for row in played):
+        lines.append("(n of N): missing walks are ranked with the worst answer there, and leave the other columns")
+    medians = [name for name in columns or COLUMNS if name in METRICS and METRICS[name].over_walks == "median"]
     if medians:
         lines.append(f"median over walks, never where half of them have none: {', '.join(medians)}")
     lines += incidents(results)
     lines += dict.fromkeys(f"{row['env']}: {row['note']}" for row in rows if row["note"])
     machines = dict.fromkeys(machine_text(result.provenance.get("machine")) for result in results)
     return [*lines, *(f"time measured on {machine}" for machine in machines if machine)]
+
+
+def _power(row: Row) -> str:
+    """What the walks of a table can tell."""
+    ratio = row.get("smallest_ratio")
+    if ratio is None or row["division"] == OFFLINE:
+        return ""
+    return (
+        f"{row['env']}: {counted('walk', row['of'])} tell neighbours apart whose ratio is {ratio:.2f} or more "
+        f"({100 * POWER:.0f} % power, Holm over {NUM_ENTRIES} entries)"
+    )
 
 
 def incidents(results: Sequence[Result]) -> list[str]:
@@ -215,7 +234,7 @@ def strata_cells(rows: Sequence[Row], cell: Cell) -> tuple[list[str], list[list[
     header = [f"{name}: {counted('walk', sizes[name][0])}, {counted('place', sizes[name][1])}" for name in names]
     lines = [
         [shown_name(row["localizer"], row["division"]), metric]
-        + [cell(parts[name]["metrics"][metric]) if name in parts else NOT_APPLICABLE for name in names]
+        + [cell(metric, parts[name]["metrics"][metric]) if name in parts else NOT_APPLICABLE for name in names]
         for row, parts in every
         for metric in ("mean_m", "pooled_mean_m")
         if parts
@@ -233,17 +252,20 @@ def describe_offline(revise_s: float | None) -> str:
     return f"offline: answers were revised when the walk was over{how_long}"
 
 
-def describe_interval(num_units: int, kind: str) -> str:
+def describe_interval(num_units: int, kind: str, num_walks: int) -> str:
     """Of what the intervals of a table are, or why it has none.
 
-    >>> describe_interval(60, "session")
+    >>> describe_interval(60, "session", 90)
     '95 % intervals by the spread of 60 sessions'
-    >>> describe_interval(1, "person")
-    'no intervals: 1 person, and fewer than 4 are too few for any'
+    >>> describe_interval(1, "person", 23)
+    '95 % intervals by the spread of 23 walks of one person'
     """
     if num_units >= MIN_UNITS:
         return f"95 % intervals by the spread of {counted(kind, num_units)}"
-    return f"no intervals: {counted(kind, num_units)}, and fewer than {MIN_UNITS} are too few for any"
+    of = f"one {kind}" if num_units == 1 else counted(kind, num_units)
+    if num_walks >= MIN_UNITS:
+        return f"95 % intervals by the spread of {num_walks} walks of {of}"
+    return f"no intervals: {counted('walk', num_walks)} of {of}, and fewer than {MIN_UNITS} are too few for any"
 
 
 def counted(noun: str, count: int) -> str:

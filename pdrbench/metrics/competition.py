@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import level_differences
@@ -43,6 +45,24 @@ def p75_level_penalised_m(
     """IPIN/EvAAL score in metres: third quartile of e + 15 |dl| + 50 [wrong building], Hazen."""
     errors = penalised_errors_m(held, reference, per_level_m, per_building_m, wrong_building)
     return percentile(errors, 0.75, method)
+
+
+def is_lost(
+    held: Held,
+    reference: Trajectory,
+    mounting: str = "",
+    *,
+    lost_m: float = 10.0,
+    lost_on_foot_m: float = 2.0,
+    per_level_m: float = 15.0,
+    per_building_m: float = 50.0,
+    method: PercentileMethod = "hazen",
+) -> float:
+    """1.0 where `p75_level_penalised_m` is above `lost_m`, or `lost_on_foot_m` where that is the mounting; else 0.0."""
+    score_m = p75_level_penalised_m(
+        held, reference, per_level_m=per_level_m, per_building_m=per_building_m, method=method
+    )
+    return math.nan if math.isnan(score_m) else float(score_m > (lost_on_foot_m if mounting == "foot" else lost_m))
 
 
 def mean_level_penalised_m(

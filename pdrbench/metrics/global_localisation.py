@@ -96,6 +96,13 @@ def convergence_s(held: Held, reference: Trajectory, *, within_m: float = 5.0, h
     return math.nan if found is None else found.converged_s
 
 
+def first_within_s(held: Held, reference: Trajectory, *, within_m: float = 5.0) -> float:
+    """First time in seconds at which e <= within_m; infinite where it never is, NaN where no position is surveyed."""
+    t_s = reference.t_s[reference.surveyed]
+    is_within = found_errors_m(held, reference) <= within_m
+    return float(t_s[is_within.argmax()] - t_s[0]) if is_within.any() else math.inf if len(t_s) else math.nan
+
+
 def converged_by(
     held: Held, reference: Trajectory, *, by_s: float = 60.0, within_m: float = 5.0, hold_s: float = 10.0
 ) -> float:

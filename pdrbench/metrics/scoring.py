@@ -25,6 +25,7 @@ def score(
     missing: Mapping[str, int] | None = None,
     peak_mb: float | None = None,
     names: Collection[str] | None = None,
+    mounting: str = "",
 ) -> dict[str, float]:
     """Scores one walk by every metric of `METRICS`; NaN where one does not apply, infinite a time that never came.
 
@@ -40,6 +41,7 @@ def score(
         missing: Count by reason of answers that count as missing, or None.
         peak_mb: Peak memory in 10^6 bytes, or None.
         names: Metrics that are wanted; None: all.
+        mounting: Where the sensors were carried, as `Recording.mounting`.
     """
     inputs = {
         "held": hold_at(estimates, reference.t_s, fallback),
@@ -52,6 +54,7 @@ def score(
         "reset_s": reset_s,
         "missing": missing,
         "peak_mb": peak_mb,
+        "mounting": mounting,
     }
     scores = {}
     for name in METRICS if names is None else names:

@@ -61,6 +61,7 @@ INERTIAL: Final = "pdrbench.metrics.inertial"
 GLOBAL: Final = "pdrbench.metrics.global_localisation"
 UNCERTAINTY: Final = "pdrbench.metrics.uncertainty"
 FLOOR_PLAN: Final = "pdrbench.metrics.floor_plan"
+PENALTIES: Final[Mapping[str, float | str]] = {"per_level_m": 15.0, "per_building_m": 50.0, **HAZEN}  # IPIN, EvAAL
 FOUND: Final[Mapping[str, float]] = {"within_m": 5.0, "hold_s": 10.0}
 LOST: Final[Mapping[str, float]] = {**FOUND, "lost_m": 10.0, "lost_for_s": 10.0}
 NTH: Final = ((50, "median"), *((percent, f"{percent}th percentile") for percent in (75, 90, 95)))
@@ -105,8 +106,11 @@ BUILTIN: Final = _by_name(
     Metric("p75_level_penalised_m", "m", "lower", "competition",
            "Mean over walks of the walk's third quartile (Hazen) of error + 15 m per wrong level + 50 m in the wrong "
            "building (IPIN, EvAAL); ranks the leaderboards.",
-           "pdrbench.metrics.competition:p75_level_penalised_m",
-           {"per_level_m": 15.0, "per_building_m": 50.0, **HAZEN}),
+           "pdrbench.metrics.competition:p75_level_penalised_m", PENALTIES),
+    Metric("lost", "", "lower", "competition",
+           "Fraction of walks whose p75_level_penalised_m is above 10 m, or above 2 m where the sensors are on a foot.",
+           "pdrbench.metrics.competition:is_lost", {**PENALTIES, "lost_m": 10.0, "lost_on_foot_m": 2.0},
+           ("held", "reference", "mounting")),
     Metric("mean_level_penalised_m", "m", "lower", "competition",
            "Mean over walks of the walk's mean error + 15 m per wrong level (Kaggle indoor location).",
            "pdrbench.metrics.competition:mean_level_penalised_m", {"per_level_m": 15.0, "per_building_m": 0.0}),
@@ -192,6 +196,10 @@ BUILTIN: Final = _by_name(
            "Time by which half of the walks have an error that stays within 5 m on the right level for at least 10 s, "
            "counted from the first surveyed position; 'never' where fewer do.",
            f"{GLOBAL}:convergence_s", FOUND, over_walks="median"),
+    Metric("first_within_5m_s", "s", "lower", "global localisation",
+           "Time by which half of the walks have had an error within 5 m on the right level, counted from the first "
+           "surveyed position; 'never' where fewer do.",
+           f"{GLOBAL}:first_within_s", {"within_m": 5.0}, over_walks="median"),
     *(Metric(f"converged_{seconds}s", "", "higher", "global localisation",
              f"Fraction of walks with a convergence_s of at most {seconds} s, of those surveyed for {seconds + 10} s.",
              f"{GLOBAL}:converged_by", {"by_s": float(seconds), **FOUND})
@@ -280,6 +288,10 @@ POOLED: Final = _by_name(
              f"{nth[:1].upper()}{nth[1:]} (Hazen) of the error of all positions of all walks together.",
              POOLED_TARGET, HAZEN, ("errors_by_walk_m",))
       for percent, nth in NTH),
+    Metric("pooled_p75_level_penalised_m", "m", "lower", "pooled",
+           "Third quartile (Hazen) of error + 15 m per wrong level + 50 m in the wrong building of all positions of "
+           "all walks together: the official figure of IPIN and EvAAL.",
+           POOLED_TARGET, HAZEN, ("penalised_by_walk_m",)),
     Metric("pooled_max_m", "m", "lower", "pooled",
            "Largest error of all walks.", POOLED_TARGET, takes=("errors_by_walk_m",)),
     Metric("pooled_n", "", "none", "pooled",

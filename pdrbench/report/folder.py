@@ -94,7 +94,9 @@ class SplitResults:
         return tuple(dict.fromkeys(result.localizer for result in self.results))
 
 
-def write_report(results: Results, folder: Path, options: FigureOptions | None = None) -> list[Path]:
+def write_report(
+    results: Results, folder: Path, options: FigureOptions | None = None, columns: Sequence[str] | None = None
+) -> list[Path]:
     """Writes tables and plots.
 
     Tables: `table.md`, `table.tex`, `table.csv`, `rows.json`. For each environment: `<env>-cdf` (distribution of the
@@ -106,13 +108,14 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
         results: From `evaluate` or `load_results`.
         folder: Made where it is missing; files of the same name are replaced.
         options: How figures look.
+        columns: Of `table.md` and `table.tex`, as `Results.table` takes them.
 
     Returns:
         Every file written, or left as it is, since the same results gave it before.
     """
     folder.mkdir(parents=True, exist_ok=True)
     options = options or FigureOptions()
-    origin = "" if results.kept is None else _origin(results, options)
+    origin = "" if results.kept is None else _origin(results, options, columns)
     stamp = folder / STAMP
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
         before = json.loads(stamp.read_bytes())
@@ -120,7 +123,7 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
             return [folder / name for name in before["files"]]
     named = _as_shown(results.results, options.labels)
     styles = styles_of(result.localizer for result in named if result.status != UNSUITABLE)
-    written = _write_tables(results, folder)
+    written = _write_tables(results, folder, columns)
     captions: dict[str, str] = {}
     for part in _parts(named, results.scored):
         for name, figure in _figures(part, styles, options):
@@ -139,11 +142,11 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
     return written
 
 
-def _origin(results: Results, options: FigureOptions) -> str:
+def _origin(results: Results, options: FigureOptions, columns: Sequence[str] | None) -> str:
     """Digest of everything that a report follows from."""
     walks = {(result.task, result.walk) for result in results.results}
     code = {env: code_sha256(env) for env, _ in walks}
-    facts: list[object] = [matplotlib.__version__, dataclasses.asdict(options)]
+    facts: list[object] = [matplotlib.__version__, dataclasses.asdict(options), columns]
     facts += [(code[env], sorted(make_task(env).walk_identity(walk).items())) for env, walk in sorted(walks)]
     facts += [(r.localizer, r.seed, r.walk, r.division, answers_sha256(r)) for r in results.results]
     return hashlib.sha256(repr(facts).encode()).hexdigest()
@@ -153,10 +156,10 @@ def _sha256(folder: Path, names: Iterable[str]) -> dict[str, str]:
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
 
 
-def _write_tables(results: Results, folder: Path) -> list[Path]:
+def _write_tables(results: Results, folder: Path, columns: Sequence[str] | None) -> list[Path]:
     tables = {
-        "table.md": results.to_markdown(),
-        "table.tex": results.to_latex(),
+        "table.md": results.to_markdown(columns),
+        "table.tex": results.to_latex(columns),
         "table.csv": results.to_csv(),
         "rows.json": results.to_json(),
     }

@@ -30,15 +30,15 @@ class FakeResults:
         return [
             {"env": r.env, "localizer": r.localizer, "split": r.split, "walks": int(r.status != "unsuitable")}
             | about
-            | {"metrics": {"mean_m": SCORE}}
+            | {"metrics": {} if r.status == "unsuitable" else {"mean_m": SCORE}}
             for r in self.results
         ]
 
-    def notes(self) -> list[str]:
+    def notes(self, columns: tuple[str, ...] | None = None) -> list[str]:
         return footnotes(self.rows(), self.results)
 
-    def to_latex(self) -> str:
-        return "\\begin{tabular}"
+    def to_latex(self, columns: tuple[str, ...] | None = None) -> str:
+        return "\\begin{tabular}" + ",".join(columns or ())
 
 
 @dataclass
@@ -69,7 +69,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
                 )
         return FakeResults(tuple(results))
 
-    def write_report(results: FakeResults, folder: Path) -> list[Path]:
+    def write_report(results: FakeResults, folder: Path, columns: tuple[str, ...] | None) -> list[Path]:
         (folder / "table.md").write_text("table")
         return [folder / "table.md"]
 
@@ -226,6 +226,15 @@ def test_a_folder_that_takes_no_files_is_an_error_before_any_walk(
     outcome = command("compare", "--out", tmp_path / "o")
     assert outcome.code == 1 and not asked.arguments
     assert f"cannot write into the folder {tmp_path / 'o'}: Permission denied; choose another place" in outcome.err
+
+
+def test_columns_that_are_asked_for_are_shown(asked: Asked, command: Any, tmp_path: Path) -> None:
+    start = ("compare", "--env", "OfficeStride-v2", "--latex", "t.tex")
+    outcome = command(*start, "--columns", "mean_m,p95_m")
+    assert "mean_m" in outcome.out and (tmp_path / "t.tex").read_text() == "\\begin{tabular}mean_m,p95_m"
+    assert command(*start, "--all-columns").code == 0 and "pooled_p75" in (tmp_path / "t.tex").read_text()
+    assert "did you mean 'mean_m'" in command(*start, "--columns", "meen_m").err
+    assert "leave one out" in command(*start, "--columns", "mean_m", "--all-columns").err
 
 
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:

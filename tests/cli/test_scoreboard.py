@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdrbench.cli import scoreboard
-from pdrbench.evaluation.wording import SHOWN, footnotes, incidents, score_tables, stacked
+from pdrbench.evaluation.wording import ALL_COLUMNS, COLUMNS, footnotes, incidents, score_tables, stacked
 from pdrbench.report import comparison_page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates
@@ -32,6 +32,7 @@ def row(localizer: str, **values: float) -> dict[str, Any]:
         "walks": 6,
         "of": 6,
         "rank": [1, 2],
+        "smallest_ratio": 1.25,
         "units": 6,
         "unit_kind": "building",
         "note": "",
@@ -42,7 +43,7 @@ def row(localizer: str, **values: float) -> dict[str, Any]:
 def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
         row("far", mean_m=20.5, p75_geometric_m=30.25),
-        {**row("none"), "rank": None},
+        {**row("none", n=0.0), "rank": None},
         row("near", mean_m=2.0, p75_geometric_m=3.0),
     ]
     scoreboard.print_scores(rows)
@@ -52,33 +53,40 @@ def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str
     assert "20.50" in out and "19.50–21.50" in out and "–" in out
 
 
-def test_ranks_and_p_values_are_shown_where_two_are_compared() -> None:
+def test_ranks_are_shown_where_two_are_compared() -> None:
     best, other = row("a", p75_geometric_m=1.0, ratio_to_best=1.0), row("b", p75_geometric_m=2.0, ratio_to_best=2.0)
     ((_, names, _),) = score_tables([best], stacked)
-    assert not {"rank", "p_holm", "ratio_to_best"} & set(names)
-    other["metrics"]["p_holm"] = {"value": 0.03125, "unit": "", "low": None, "high": None, "n": 6}
+    assert not {"rank", "ratio_to_best"} & set(names)
     ((_, names, cells),) = score_tables([other, best], stacked)
-    assert [line[names.index("p_holm")] for line in cells] == ["–", "0.031"]
-    assert [line[names.index("rank")] for line in cells] == ["1–2", "1–2"]
-    assert "p_holm: sign-flip test" in footnotes([best, other], [])[1]
+    assert names == ["localizer", "rank", "ratio_to_best", "p75_geometric_m"]
+    assert [line[:2] for line in cells] == [["a", "1–2"], ["b", "1–2"]]
+    assert "E-v0: 6 walks tell neighbours apart whose ratio is 1.25 or more" in footnotes([best, other], [])[0]
+
+
+def test_of_equal_scores_the_one_with_all_walks_is_first_and_what_is_missing_stands_beside_the_name() -> None:
+    rows = [{**row("picky", p75_geometric_m=2.0), "walks": 1}, row("stay", p75_geometric_m=2.0 + 1e-12)]
+    ((_, _, cells),) = score_tables(rows, stacked)
+    assert [line[0] for line in cells] == ["stay", "picky (1 of 6)"]
+    assert any(line.startswith("(n of N)") for line in footnotes(rows, []))
 
 
 def test_columns_that_do_not_apply_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [row("a", mean_m=2.0, energy_score_m=1.5, convergence_s=9.0), row("b", mean_m=3.0)]
-    assert score_tables(rows, stacked)[0][1][-1] == "energy_score_m", "the start is known: nothing converges"
+    rows = [row("a", mean_m=2.0, energy_score_m=1.5, first_within_5m_s=9.0), row("b", mean_m=3.0)]
+    assert score_tables(rows, stacked, ALL_COLUMNS)[0][1][-1] == "energy_score_m", "no place is sought"
     never = {"value": None, "unit": "s", "low": 12.0, "high": None, "n": 6}
     lost = [{**one, "start": "unknown"} for one in rows]
-    lost[1]["metrics"]["convergence_s"] = never
-    scoreboard.print_scores(lost)
+    lost[1]["metrics"]["first_within_5m_s"] = never
+    scoreboard.print_scores(lost, ALL_COLUMNS)
     out = capsys.readouterr().out
-    assert "convergence" in out and "never" in out and "12.00–never" in out
+    assert "first" in out and "never" in out and "12.00–never" in out
     assert "coverage_95" not in out
+    assert score_tables(rows, stacked, ["rmse_m"])[0][1] == ["localizer", "rmse_m"], "asked for by name"
 
 
 def test_a_localizer_that_declines_every_walk_stands_in_a_footnote_only(capsys: pytest.CaptureFixture[str]) -> None:
     declined = [result("lost", w, status="unsuitable", failure="needs a radio map") for w in ("w0", "w1")]
     results = [*declined, result("near")]
-    scoreboard.print_scores([{**row("lost"), "walks": 0}, row("near")])
+    scoreboard.print_scores([{**row("lost"), "walks": 0, "metrics": {}}, row("near", mean_m=1.0)])
     out = capsys.readouterr().out
     assert "near" in out and "lost" not in out
     assert incidents(results) == ["lost on E-v0: not applicable: needs a radio map"]
@@ -132,17 +140,17 @@ def test_a_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
     assert not re.search(r"https?://|<script|<link", text)
 
 
-@pytest.mark.parametrize(("width", "left_out"), [(160, []), (100, ["step_p50_ms"]), (60, ["p50_m", "p95_m"])])
+@pytest.mark.parametrize(("width", "left_out"), [(160, []), (100, ["realtime_factor"]), (60, ["p95_m", "outside_pct"])])
 def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
     width: int, left_out: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    names = [name for name in SHOWN if name not in ("rank", "p_holm", "ratio_to_best")]
+    names = [*COLUMNS[2:4], "pooled_p75_level_penalised_m", "p95_m", "level_hit_rate", "outside_pct", "realtime_factor"]
     one = row("dead_reckoning", **dict.fromkeys(names, 12.345))
-    scoreboard.print_scores([one])
+    scoreboard.print_scores([one], names)
     captured = capsys.readouterr()
     shown = captured.out.count("11.34–13.34") + captured.out.count("11.35–13.35")
-    assert shown >= 2 and "dead_reckoning" in captured.out and "p75_geo" in captured.out
+    assert shown >= 2 and "dead_reckoning" in captured.out and "_geometric_m" in captured.out
     assert all(len(line.rstrip()) <= width for line in captured.out.splitlines())
     assert (shown == len(names)) == (not left_out)
     assert all(name in captured.err for name in left_out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -98,10 +98,10 @@ class FakeResults:
     def scored(self) -> tuple[Scored, ...]:
         return tuple(make_scored(result) for result in self.results)
 
-    def to_markdown(self) -> str:
+    def to_markdown(self, columns: Sequence[str] | None = None) -> str:
         return "| env |\n|---|"
 
-    def to_latex(self) -> str:
+    def to_latex(self, columns: Sequence[str] | None = None) -> str:
         return "\\begin{tabular}"
 
     def to_csv(self) -> str:
