@@ -29,6 +29,7 @@ READERS: Final = {
     "native": "pdrbench_formats.recordings.native:READER",
     "getsensordata": "pdrbench_formats.recordings.getsensordata:READER",
     "sensor_logger": "pdrbench_formats.recordings.sensor_logger:READER",
+    "gnss_logger": "pdrbench_formats.recordings.gnss_logger:READER",
     "phyphox": "pdrbench_formats.recordings.phyphox:READER",
     **{name: f"pdrbench_formats.recordings.apps:{name}" for name in _APPS},
     "xsens": "pdrbench_formats.recordings.xsens:READER",

@@ -86,8 +86,9 @@ class Container:
         names = [f"{self.prefix}{name}{ending}" for ending in ("", *ENDINGS)]
         if self.is_zip:
             with zipfile.ZipFile(self.path) as archive:
-                known = next((name for name in names if name in archive.NameToInfo), names[0])
-                with archive.open(known) as stream:
+                stored = {member.filename.replace("\\", "/"): member for member in archive.infolist()}
+                known = next((name for name in names if name in stored), names[0])
+                with archive.open(stored[known]) as stream:
                     yield stream
             return
         with (self.path if self.is_file else found_file(self.path / names[0])).open("rb") as file:
@@ -177,11 +178,11 @@ def _zip_sizes(path: Path) -> dict[str, int]:
         )
     sizes: dict[str, int] = {}
     for member in members:
-        name = member.filename
+        name = member.filename.replace("\\", "/")  # as PowerShell 5 and .NET before 4.6.1 write it
         if name.endswith("/"):
             continue
         parts = PurePosixPath(name).parts
-        if not parts or name.startswith("/") or ".." in parts or "\\" in name or ":" in parts[0]:
+        if not parts or name.startswith("/") or ".." in parts or ":" in parts[0]:
             raise RecordingError(f"{path}: member {name!r} lies outside the archive; do not unpack it")
         if max(len(part.encode(errors="replace")) for part in parts) > MAX_NAME_BYTES:
             raise RecordingError(f"{path}: a member is named {name[:40]!r} and so on; pack it under a shorter name")

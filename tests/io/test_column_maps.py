@@ -60,7 +60,7 @@ class TestTables:
             ('gyro_unit = "deg/s"', 'gyro_unit = "rpm"', "Invalid enum value 'rpm'"),
             ("gyro_unit", "gyr_unit", "did you mean 'gyro_unit'"),
             ('"w1"', '"w9"', "no column 'w9'; the header names when, a, b"),
-            ('time = "when"', "", "missing required field `time`"),
+            ('time = "when"', "", "no `time`; name its column, or state rate_hz"),
             ('"deg/s"', '"rad/s"', "looks like degree/s"),
             ("[columns]", "[columns", "not TOML"),
         ],

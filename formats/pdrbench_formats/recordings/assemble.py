@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -45,6 +45,17 @@ class Tally:
     def note(self, severity: str, code: str, where: str, seen: str, remedy: str) -> None:
         """Adds a finding."""
         self.findings.append(Finding(severity, code, where, seen, remedy))  # type: ignore[arg-type]
+
+
+def note_guesses(tally: Tally, guesses: Sequence[str]) -> None:
+    """Finding "columns-guessed" of what numbers alone say of a table."""
+    tally.note(
+        "warning",
+        "columns-guessed",
+        "header",
+        f"what the header does not state was concluded from the numbers: {', '.join(guesses)}",
+        "check it with `pdrbench inspect`, which prints a column map to keep",
+    )
 
 
 def note_face_down(tally: Tally, force: FloatArray, remedy: str) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap
+from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS, windows
+from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
@@ -37,10 +38,18 @@ _UNIT_NAMES: Final = {
     },
     "baro_unit": {"hPa": ("hpa",), "Pa": ("pa",), "kPa": ("kpa",), "mbar": ("mbar", "millibar"), "bar": ("bar",)},
     "time_unit": {
-        "s": ("s", "sec", "secs", "seconds", "second"),
-        "ms": ("ms", "msec", "milliseconds", "millis"),
-        "us": ("us", "µs", "μs", "usec", "microseconds", "micros"),
-        "ns": ("ns", "nsec", "nanoseconds", "nanos"),
+        unit: tuple(
+            dict.fromkeys(
+                [f"{short}{word}" for short in shorts for word in ("s", "sec", "secs", "second", "seconds", "sekunden")]
+                + [f"{short}s" for short in shorts if len(short) > 2]  # millis
+            )
+        )
+        for unit, shorts in {
+            "s": ("",),
+            "ms": ("m", "milli"),
+            "us": ("u", "µ", "μ", "micro"),
+            "ns": ("n", "nano"),
+        }.items()
     },
 }
 _ENDINGS: Final = sorted(
@@ -50,21 +59,31 @@ _LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
 # names that are a sensor as they stand, and words that are one at the end of a longer name
 _SENSOR_NAMES: Final = {
     "accel": ("a", "f", "gf", "linearacceleration"),
-    "gyro": ("g", "w", "omega"),
-    "mag": ("m", "b", "field", "compass"),
-    "rotation": ("q", "ori", "orientation", "rv", "rotation", "attitude"),
+    "gyro": ("g", "w", "omega", "as"),
+    "mag": ("m", "b", "h", "field", "compass"),
+    "rotation": (
+        "gamerv",
+        "gamerotationvector",
+        "q",
+        "ori",
+        "orientation",
+        "rv",
+        "rotation",
+        "rotationvector",
+        "attitude",
+    ),
 }
 _SENSOR_WORDS: Final = {
     "gravity": ("gravity", "grav"),
     "accel": (
         "accelerometer", "acceleration", "accel", "acce", "acc", "specificforce", "gforce", "accelerationwithg",
-        "beschleunigung", "beschl",
+        "beschleunigung", "beschl", "加速度",
     ),
     "gyro": (
         "gyroscope", "gyro", "gyr", "angularvelocity", "angvel", "angularrate", "rotationrate", "rotrate",
-        "gyrorotation", "drehrate", "gyroskop",
+        "gyrorotation", "drehrate", "gyroskop", "angularspeed", "angvelocity", "角速度",
     ),
-    "mag": ("magnetometer", "magneticfield", "magnetic", "magnet", "magn", "mag", "magnetfeld"),
+    "mag": ("magnetometer", "magneticfield", "magnetic", "magnet", "magn", "mag", "magnetfeld", "磁场"),
     "rotation": ("quaternion", "quat"),
     "baro": ("barometer", "airpressure", "pressure", "druck"),
 }  # fmt: skip
@@ -77,7 +96,8 @@ _FILLERS: Final = ("raw", "data", "value", "values", "val", "calibrated", "cal",
 _TIME_NAMES: Final = (
     "t", "time", "timestamp", "ts", "seconds", "sec", "secs", "millis", "elapsed", "secondselapsed", "timeelapsed",
     "elapsedtime", "timesincestart", "date", "datetime", "unixtime", "unix", "epoch", "sampletime", "zeit", "temps",
-    "tiempo", "tempo", *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
+    "tiempo", "tempo", "zeitstempel", "時間", "时间",
+    *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
 )  # fmt: skip
 _BARO_NAMES: Final = ("pressure", "baro", "barometer", "pres", "press", "airpressure", "atmosphericpressure", "p")
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
@@ -88,27 +108,33 @@ _PLACE_NAMES: Final = {
 _LEVEL_NAMES: Final = ("level", "floor", "floorid", "storey")
 _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
+_STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
+_SAMPLED_S: Final = (1e-3, 0.05)  # of inertial sensors: 1000 to 20 Hz
+_RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
+_WINDOW_S: Final = 0.5  # a step, over which shaking cancels
+_DEGREES_BELOW: Final = 0.13  # of the factor between rates in rad/s, 1, and in degrees, 0.017: their geometric mean
 
 
-def guess(table: DelimitedTable, sensor: str = "") -> tuple[ColumnMap | None, list[str]]:
+def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> tuple[ColumnMap | None, list[str]]:
     """What the columns of a table are, by their names; the units by names, else by the numbers.
 
     Args:
         table: Any.
         sensor: Of columns that are named by their axis only, as the name of the file says: a key of `SENSORS`.
+        shared: Whether other tables are on the clock: a time since 1970 is taken where there is one.
 
     Returns:
-        The map, None where no time or no sensor is recognised; and what was concluded from the numbers alone, or chosen
-        among several that it might be.
+        The map, None where no sensor is recognised, and without `time` where no time is; and what was concluded from
+        the numbers alone, or chosen among several that it might be.
     """
     named = {name: _split_unit(name) for name in table.columns}
     named |= {name: (named[name][0], unit.strip("()[] ").lower()) for name, unit in table.units.items() if unit}
     found: dict[str, Any] = {}
     assumed: list[str] = []
     groups: dict[tuple[int, str, str], dict[str, str]] = {}
-    for name, (base, _) in named.items():
+    for name, (base, unit) in named.items():
         for axis, stem in _axes_of(base):
-            kind, rank = (sensor, 0) if sensor and stem in ("", *_FILLERS) else sensor_of(stem)
+            kind, rank = (sensor or _sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
             if kind and axis not in groups.setdefault((rank, kind, stem), {}):
                 groups[rank, kind, stem][axis] = name
     whole = {
@@ -143,18 +169,57 @@ def guess(table: DelimitedTable, sensor: str = "") -> tuple[ColumnMap | None, li
                 found |= {"place": (bases[x], bases[y]), "place_unit": unit}
     if level is not None and "place" in found:
         found["level"] = level
-    time = _time_column(table, {name: base for name, (base, _) in named.items()})
-    if time is None or not found.keys() & {"accel", "gyro", "mag", "rotation", "baro"}:
+    if not found.keys() & {"accel", "gyro", "mag", "rotation", "baro"}:
         return None, assumed
-    found["time"] = time
-    stated = _unit_of("time_unit", named[time][1] or named[time][0])
-    found["time_unit"] = stated or _time_unit(table, time, assumed)
+    time = _time_column(table, {name: base for name, (base, _) in named.items()}, shared=shared)
+    if time is not None:
+        found["time"] = time
+        stated = _unit_of("time_unit", named[time][1]) or _unit_of("time_unit", _unit_in(named[time][0]))
+        found["time_unit"] = stated or _time_unit(table, time, assumed)
     for kind in ("accel", "gyro", "mag", "baro"):
         if kind in found:
             name = found[kind] if kind == "baro" else found[kind][0]
             unit = _unit_of(f"{kind}_unit", named[name][1])
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
     return ColumnMap(**found), assumed
+
+
+def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:
+    """Columns without names, in the order of Android: a time, then x, y, z, and w of an attitude."""
+    names = ("time", *("xyzw" if sensor == "rotation" else "xyz"))
+    columns = dict(zip(names, table.columns.values(), strict=False))
+    return DelimitedTable(table.path, columns, table.first_line, table.mended, table.dropped)
+
+
+def _sensor_by(unit: str) -> str:
+    """The sensor that alone is measured in a unit; g is of accelerations."""
+    return next((kind for kind in ("accel", "gyro", "mag") if _unit_of(f"{kind}_unit", unit)), "")
+
+
+def _unit_in(base: str) -> str:
+    """The unit of a time whose name has no separator before it: `timens`, `tms`."""
+    if _unit_of("time_unit", base):
+        return base
+    texts = sorted((text for texts in _UNIT_NAMES["time_unit"].values() for text in texts), key=len, reverse=True)
+    ends = (text for text in texts if len(text) > 1 and base.endswith(text))
+    return next((text for text in ends if base.removesuffix(text) in _TIME_NAMES or "time" in base), "")
+
+
+def doubted_unit(table: DelimitedTable, columns: ColumnMap) -> str:
+    """The unit that the step of a time fits, where it does not fit the one that is stated; "" where it does."""
+    if columns.time_unit == "datetime" or not columns.time:
+        return ""
+    step = _usual_step(table, columns.time)
+    is_likely = _RARE_S[0] <= step * SECONDS_IN[columns.time_unit] < _RARE_S[1]
+    fitting = [unit for unit, s in SECONDS_IN.items() if _SAMPLED_S[0] <= step * s <= _SAMPLED_S[1]]
+    return fitting[0] if fitting and not is_likely else ""
+
+
+def _usual_step(table: DelimitedTable, name: str) -> float:
+    t = table.numbers(name)
+    steps = np.diff(t[np.isfinite(t)])
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
 def sensor_of(name: str) -> tuple[str, int]:
@@ -174,6 +239,45 @@ def sensor_of(name: str) -> tuple[str, int]:
                 return "linear", 1
             return kind, int(word != name)
     return "", 0
+
+
+def sensor_in(text: str) -> str:
+    """The sensor that the name of a file or of a kind of records says, "linear", or "".
+
+    >>> sensor_in("MetaWear_D1A2_Accelerometer_100.000Hz"), sensor_in("android.sensor.gyroscope"), sensor_in("walk 3")
+    ('accel', 'gyro', '')
+    """
+    words = re.findall(r"[^\W\d_]+", _CAMEL.sub(" ", text).lower())
+    joined = "".join(words)
+    kind = sensor_of(joined)[0] if len(joined) > 1 else ""
+    if kind or any(word in joined for word in _OTHER):
+        return kind
+    kinds = {kind for word in words if len(word) > 2 and (kind := sensor_of(word)[0])}
+    if "accel" in kinds and any(word in joined for word in _LINEAR):
+        return "linear"
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
+def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
+    """What columns without names may be: a time that grows, then vectors, the first with gravity being the force."""
+    names = list(table.columns)
+    values = _seen(table, names)
+    steps = np.diff(values, axis=0)
+    times = [k for k in range(len(names)) if len(steps) and (steps[:, k] >= 0).all() and steps[:, k].any()]
+    if not times or len(names) < times[0] + 4:
+        return None
+    vectors = [tuple(names[k : k + 3]) for k in range(times[0] + 1, len(names) - 2, 3)]
+    force = next((vector for vector in vectors if _has_gravity(table, vector)), None)
+    if force is None:
+        return None
+    found: dict[str, Any] = {"time": names[times[0]], "accel": force, "header_line": 0}
+    assumed: list[str] = []
+    found["time_unit"] = _time_unit(table, found["time"], assumed)
+    found["accel_unit"] = _unit_by_size(table, "accel", found, assumed)
+    if others := [vector for vector in vectors if vector != force]:
+        found["gyro"] = others[0]
+        found["gyro_unit"] = _unit_by_size(table, "gyro", found, assumed)
+    return ColumnMap(**found)
 
 
 def _without_fillers(name: str) -> str:
@@ -226,11 +330,15 @@ def finite(values: FloatArray) -> FloatArray:
     return np.clip(values[np.isfinite(values).all(axis=1)], -_MOST, _MOST)
 
 
+def _beginning(table: DelimitedTable, names: Sequence[str]) -> DelimitedTable:
+    """The first rows of some columns."""
+    columns = {name: table.columns[name][:_MAX_SEEN] for name in names}
+    return DelimitedTable(table.path, columns, table.first_line, Counter(), Counter())
+
+
 def _seen(table: DelimitedTable, names: Sequence[str]) -> FloatArray:
     """The first rows of some columns in which all have a number."""
-    part = DelimitedTable(
-        table.path, {name: table.columns[name][:_MAX_SEEN] for name in names}, table.first_line, Counter(), Counter()
-    )
+    part = _beginning(table, names)
     try:
         values = part.table(names)
     except RecordingError:  # a text in it, which reading the column refuses with the line
@@ -255,12 +363,25 @@ def _is_pressure(table: DelimitedTable, name: str) -> bool:
     return any(low < middle < high for low, high in _PRESSURE_RANGES)
 
 
-def _time_column(table: DelimitedTable, bases: Mapping[str, str]) -> str | None:
+def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: bool) -> str | None:
     """The column of the time; of several the one with most different values: dates may be to the second."""
-    exact = sorted((_TIME_NAMES.index(base), name) for name, base in bases.items() if base in _TIME_NAMES)
+    exact = sorted(
+        (_TIME_NAMES.index(base.removesuffix(_unit_in(base)) or base), name)
+        for name, base in bases.items()
+        if (base.removesuffix(_unit_in(base)) or base) in _TIME_NAMES
+    )
     found = [name for _, name in exact] or [name for name, base in bases.items() if "time" in base]
-    values = [[str(value) for value in table.columns[name][:_MAX_SEEN]] for name in found]
-    return max(zip(found, values, strict=True), key=lambda pair: len(set(pair[1])))[0] if found else None
+    different = {name: len({str(value) for value in table.columns[name][:_MAX_SEEN]}) for name in found}
+    if shared:
+        exact_enough = 0.9 * max(different.values(), default=0)
+        found = [name for name in found if different[name] >= exact_enough and _is_epoch(table, name)] or found
+    return max(found, key=lambda name: different[name], default=None)
+
+
+def _is_epoch(table: DelimitedTable, name: str) -> bool:
+    """Whether a time counts from 1970, in any unit."""
+    first = _seen(table, [name])[:1]
+    return bool(len(first)) and any(6e8 < first[0, 0] * s < 6e9 for s in SECONDS_IN.values())
 
 
 def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:
@@ -270,16 +391,15 @@ def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:
         except RecordingError:
             assumed.append("time_unit")
             return "datetime"
-    t = table.numbers(name)
-    t = t[np.isfinite(t)]
-    first = float(t[0]) if len(t) else 0.0
-    steps = np.diff(t)
-    steps = steps[steps > 0]
-    usual = float(np.median(steps)) if len(steps) else 0.0
     assumed.append("time_unit")
-    if first > 6e8:  # counted since 1970
-        return next(unit for unit, s in SECONDS_IN.items() if first * s < 6e9 or unit == "ns")
-    return next((unit for unit, s in SECONDS_IN.items() if 1e-3 <= usual * s <= 0.3), "s")
+    step, t = _usual_step(table, name), table.numbers(name)
+    fitting = [unit for unit, s in SECONDS_IN.items() if _STEPS_S[0] <= step * s <= _STEPS_S[1]]
+    if step == 1.0 and not (np.diff(t) != 1.0).any():
+        return "s"  # numbers of samples, which a finding says
+    if fitting:
+        return fitting[0]
+    first = float(np.nanmin(t)) if np.isfinite(t).any() else 0.0
+    return next((unit for unit, s in SECONDS_IN.items() if 6e8 < first * s < 6e9), "s")
 
 
 def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], assumed: list[str]) -> str:
@@ -290,10 +410,54 @@ def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], 
         return next(iter(UNITS[f"{sensor}_unit"]))
     size = np.sqrt((values**2).sum(axis=1))
     usual = float(np.median(size))
+    factors = UNITS[f"{sensor}_unit"]
     if sensor == "accel":
-        return "g" if 0.8 < usual < 1.25 else "mg" if 800 < usual < 1250 else "m/s^2"
+        is_g = _has_gravity(table, names)  # without it, shaking alone may measure 1 m/s^2
+        return "g" if is_g and 0.8 < usual < 1.25 else "mg" if is_g and 800 < usual < 1250 else "m/s^2"
     if sensor == "gyro":
-        return "deg/s" if float(np.quantile(size, 0.99)) > 35.0 else "rad/s"
-    if sensor == "mag":
-        return "G" if 0.2 < usual < 0.75 else "uT"
-    return "Pa" if usual > 5e4 else "kPa" if 50.0 < usual < 110.0 else "hPa"
+        return "deg/s" if _in_degrees(table, found, size) else "rad/s"
+    low, high = (500.0, 1100.0) if sensor == "baro" else (20.0, 75.0)
+    # 200 to 750 is as likely an uncalibrated part in uT as one in mG
+    fitting = [unit for unit, factor in factors.items() if low <= usual * factor <= high and unit != "mG"]
+    return fitting[0] if fitting else next(iter(factors))
+
+
+def _in_degrees(table: DelimitedTable, found: Mapping[str, Any], size: FloatArray) -> bool:
+    """Whether rates are in degrees: faster than any gyroscope, or than gravity turns in the frame of the device."""
+    if float(np.quantile(size, 0.99)) > MAX_RATE_RADPS:
+        return True
+    if "accel" not in found or "time" not in found:
+        return False
+    part = _beginning(table, [found["time"], *found["accel"], *found["gyro"]])
+    try:
+        t_s, _ = clock(part, found["time"], found["time_unit"])
+        rows = [np.column_stack([t_s, part.table(found[name])]) for name in ("gyro", "accel")]
+    except RecordingError:  # which reading the column raises with the line
+        return False
+    whole = np.isfinite(np.column_stack(rows)).all(axis=1)
+    return turns_in_degrees(rows[0][whole], rows[1][whole])
+
+
+def turns_in_degrees(gyro: FloatArray, accel: FloatArray) -> bool:
+    """Whether rates (T, 4), read as rad/s, are degrees by what they do to gravity, in whatever unit `accel` is.
+
+    Over windows of half a second the direction of gravity, (K, 3), turns by w x g dt: the factor of least squares
+    between that and what it does, 1 for rad/s and 0.017 for degrees, where the device tilts at all.
+    """
+    if min(len(gyro), len(accel)) < MIN_ROWS or any((np.diff(rows[:, 0]) < 0).any() for rows in (gyro, accel)):
+        return False
+    begin_s = [min(gyro[0, 0], accel[0, 0]), 0.0, 0.0, 0.0]
+    means = [windows(np.clip(rows - begin_s, -_MOST, _MOST), _WINDOW_S)[0] for rows in (accel, gyro)]
+    num = min(map(len, means))
+    means = [part[:num] for part in means]
+    up = means[0] / np.maximum(np.linalg.norm(means[0], axis=1, keepdims=True), 1e-9)
+    predicted = np.cross(up[:-1] + up[1:], means[1][:-1] + means[1][1:]) * (_WINDOW_S / 4.0)
+    turned = np.diff(up, axis=0)
+    whole = np.isfinite(predicted).all(axis=1) & np.isfinite(turned).all(axis=1)
+    predicted, turned = predicted[whole].ravel(), turned[whole].ravel()
+    power = float(predicted @ predicted)
+    if len(predicted) < 9 or not power:
+        return False
+    factor = float(predicted @ turned) / power
+    sigma = float(np.std(turned - factor * predicted)) / power**0.5
+    return bool(2.0 * sigma < factor < _DEGREES_BELOW - 3.0 * sigma)

@@ -2,7 +2,7 @@
 
 [columns]
 time = "timestamp"
-time_unit = "ms"                  # s, ms, us, ns, datetime
+time_unit = "ms"                  # s, ms, us, ns, datetime; or rate_hz = 100 where no column is a time
 accel = ["ax", "ay", "az"]        # x right, y to the top edge, z out of the screen; "-ay" turns a column round
 accel_unit = "g"                  # m/s^2, g, mg
 gyro = ["gx", "gy", "gz"]
@@ -15,13 +15,13 @@ import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
 from pdrbench.trajectory import Trajectory
@@ -34,7 +34,7 @@ from pdrbench_formats.recordings.assemble import (
     seconds,
     unit_quaternions,
 )
-from pdrbench_formats.recordings.delimited import DelimitedTable
+from pdrbench_formats.recordings.delimited import DelimitedTable, most_odd
 
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "accel_unit": {"m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3},
@@ -54,6 +54,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     Attributes:
         time, time_unit: Column of the time; "datetime" where it holds dates.
+        rate_hz: Rows a second, where no column is a time.
         accel, accel_unit: Columns x, y, z of the specific force; a minus before a name turns it round.
         gravity: Columns that are added to `accel` where that lacks gravity; in the same unit.
         gyro, gyro_unit: Of angular rates.
@@ -69,8 +70,9 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         device, mounting: As in "Pixel 7", "hand".
     """
 
-    time: str
+    time: str = ""
     time_unit: Literal["s", "ms", "us", "ns", "datetime"] = "s"
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
     accel: tuple[str, str, str] | None = None
     accel_unit: Literal["m/s^2", "g", "mg"] = "m/s^2"
     gravity: tuple[str, str, str] | None = None
@@ -137,9 +139,12 @@ def read_column_map(source: Path | str | Mapping[str, Any] | ColumnMap) -> Colum
             hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
             raise RecordingError(f"{where}: no key {key!r} in a column map; {hint}")
     try:
-        return msgspec.convert(table, ColumnMap)
+        found = msgspec.convert(table, ColumnMap)
     except msgspec.ValidationError as error:
         raise RecordingError(f"{where}: {error}; see docs/formats.md for column maps") from error
+    if not found.time and found.rate_hz is None:
+        raise RecordingError(f"{where}: no `time`; name its column, or state rate_hz where there is none")
+    return found
 
 
 def read_mapped(
@@ -151,9 +156,9 @@ def read_mapped(
         RecordingError: A column is missing or holds no numbers; or as `assemble` says.
     """
     tally = tally or Tally()
-    t_s, first_s = clock(table, columns.time, columns.time_unit)
-    streams = streams_of(table, columns, t_s, tally)
+    t_s, first_s = times_of(table, columns)
     reference, geo = _reference(table, columns, t_s, tally)
+    streams = streams_of(table, columns, t_s, tally)
     return assemble(
         path,
         streams,
@@ -166,8 +171,6 @@ def read_mapped(
 
 def streams_of(table: DelimitedTable, columns: ColumnMap, t_s: FloatArray, tally: Tally) -> dict[str, FloatArray]:
     """(T, C) rows by sensor of one table at times (N,); columns that are not read are counted."""
-    tally.mended += table.mended
-    tally.dropped += table.dropped
     streams: dict[str, FloatArray] = {}
     for name in ("accel", "gyro", "mag"):
         axes = getattr(columns, name)
@@ -189,14 +192,24 @@ def streams_of(table: DelimitedTable, columns: ColumnMap, t_s: FloatArray, tally
     for name in ("accel", "gravity", "gyro", "mag", "rotation"):
         used |= {axis if axis in table.columns else axis.removeprefix("-") for axis in getattr(columns, name) or ()}
     tally.skipped.update({f"column {name}": len(table) for name in table.columns if name not in used})
+    tally.mended += table.mended
+    tally.dropped += table.dropped
     return streams
+
+
+def times_of(table: DelimitedTable, columns: ColumnMap) -> tuple[FloatArray, float]:
+    """As `clock`, of the column that a map names, or of the rate that it states."""
+    if columns.rate_hz is not None and not columns.time:
+        return np.arange(len(table)) / columns.rate_hz, 0.0
+    return clock(table, columns.time, columns.time_unit)
 
 
 def clock(table: DelimitedTable, name: str, unit: str) -> tuple[FloatArray, float]:
     """(N,) seconds since the first row, and the time of that row on the clock of the column."""
     if unit == "datetime":
-        ns = _stamps_ns(table, name)
-        return seconds(ns, int(ns[0])), float(ns[0]) * 1e-9
+        ns, is_date = _stamps_ns(table, name)
+        first_ns = int(ns[is_date.argmax()])
+        return np.where(is_date, seconds(ns, first_ns), np.nan), first_ns * 1e-9
     whole = table.whole(name)
     if whole is not None and len(whole):
         return (whole - whole[0]).astype(np.float64) * SECONDS_IN[unit], float(whole[0]) * SECONDS_IN[unit]
@@ -211,19 +224,28 @@ def unix_s(first_s: float) -> float | None:
     return first_s if 6e8 < first_s < 6e9 else None
 
 
-def _stamps_ns(table: DelimitedTable, name: str) -> IntArray:
-    """(N,) nanoseconds of dates, or of times of day, which go on after midnight."""
+def _stamps_ns(table: DelimitedTable, name: str) -> tuple[IntArray, BoolArray]:
+    """(N,) nanoseconds of dates, or of times of day, which go on after midnight; and (N,) where there is one."""
     import pandas as pd
 
     texts = pd.Series(table.texts(name), dtype=object).str.replace(_CLOCK_COLON, r"\1.\2", regex=True)
+    of_day = texts.str.fullmatch(_TIME_OF_DAY)
+    if of_day.sum() > len(texts) / 2:
+        times = pd.to_timedelta(texts.str.replace(",", "."), errors="coerce")
+        ns: IntArray = times.to_numpy().astype("timedelta64[ns]").astype(np.int64)
+        ns[~of_day] = np.interp(np.flatnonzero(~of_day), np.flatnonzero(of_day), ns[of_day])
+        return ns + _DAY_NS * np.cumsum(np.diff(ns, prepend=ns[:1]) < -_DAY_NS // 2), of_day.to_numpy(bool)
     try:
-        if texts.str.fullmatch(_TIME_OF_DAY).all():
-            ns = pd.to_timedelta(texts).to_numpy().astype("timedelta64[ns]").astype(np.int64)
-            return ns + _DAY_NS * np.cumsum(np.diff(ns, prepend=ns[:1]) < -_DAY_NS // 2)
-        stamps = pd.to_datetime(texts, utc=True, format="mixed").dt.tz_localize(None)
+        stamps = pd.to_datetime(texts, utc=True, format="mixed", errors="coerce").dt.tz_localize(None)
     except (ValueError, TypeError, OverflowError) as error:  # pandas raises all of them for texts of other kinds
         raise RecordingError(f"{table.path}: {name}: not a date: {error}; write ISO dates or seconds") from error
-    return stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)
+    is_date = stamps.notna().to_numpy()
+    if not is_date.any() or (~is_date).sum() > most_odd(len(texts)):
+        came = texts[int((~is_date).argmax())]
+        raise RecordingError(f"{table.path}: {name}: {came[:40]!r} is not a date; write ISO dates or seconds")
+    if not is_date.all():
+        table.dropped[f"{name} is no date"] = int((~is_date).sum())
+    return stamps.to_numpy().astype("datetime64[ns]").astype(np.int64), is_date
 
 
 def _signed(table: DelimitedTable, name: str) -> FloatArray:

@@ -15,29 +15,23 @@ fields empty; latitude and longitude, which are what the phone took for its plac
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
+import msgspec
+
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text
 from pdrbench.sensors.checks import SAMPLED
-from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down
-from pdrbench_formats.recordings.columnguess import guess, sensor_of
-from pdrbench_formats.recordings.columnmap import (
-    ColumnMap,
-    clock,
-    read_column_map,
-    read_mapped,
-    streams_of,
-    unix_s,
-)
-from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, find_layout, read_delimited
+from pdrbench_formats.recordings.assemble import Tally, note_face_down, note_guesses
+from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place, sensor_in
+from pdrbench_formats.recordings.columnmap import ColumnMap, read_column_map, read_mapped
+from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHeaderError, find_layout, read_delimited
+from pdrbench_formats.recordings.joined import SensorTable, by_kind, join_tables
 
 _MIN_NAMED = 4  # columns: a time and a vector
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
@@ -64,73 +58,87 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
         known = read_column_map(columns)
         table = _table(path, known.separator, known.decimal, known.header_line)
         return read_mapped(path, table, known, strict=strict)
-    table = _table(path)
-    found, assumed = guess(table)
+    table, sensor = _headed_table(path)
+    found, assumed = guess(table, sensor)
+    if found is None and (parts := by_kind(table)):
+        return join_tables(path, parts, tally, strict=strict)
     if found is None:
         raise RecordingError(
             f"{path}: line 1: no time and sensor recognised among the columns {', '.join(table.columns)[:300]}; "
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
+    _check_time(path, table, found, assumed)
     if assumed:
-        _note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
+        note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
 
 
+def _headed_table(path: Path) -> tuple[DelimitedTable, str]:
+    """A table, and the sensor that its name says where it has no header."""
+    try:
+        return _table(path), ""
+    except NoHeaderError as error:
+        table, sensor = _table(path, header_line=0), sensor_in(path.stem)
+        if sensor in SAMPLED:
+            return named_by_place(table, sensor), sensor
+        found = guess_by_place(table)
+        if found is None:
+            raise
+        raise NoHeaderError(f"{error}; this may be its map, to be checked:\n{_indented(found)}") from error
+
+
+def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Sequence[str]) -> None:
+    """Refuses a table without a time, and one whose header states a unit of time that its steps contradict."""
+    if not found.time:
+        choice = [name for name in ("accel", "gyro", "mag", "rotation") if name in assumed]
+        several = f", and several that may be {' and '.join(choice)}: two devices?" if choice else ""
+        raise RecordingError(
+            f"{path}: line {table.first_line - 1}: no column of the time among "
+            f"{', '.join(table.columns)[:300]}{several}; state the rate, and the columns of one device, in a column "
+            f"map:\n{_indented(msgspec.structs.replace(found, rate_hz=100.0))}"
+        )
+    unit = doubted_unit(table, found)
+    if unit:
+        raise RecordingError(
+            f"{path}: the header states the unit {found.time_unit!r} for {found.time!r}, and the steps between its "
+            f"rows are those of a sensor in {unit!r} only; if they are right, pass this column map:\n"
+            f"{_indented(msgspec.structs.replace(found, time_unit=unit))}"
+        )
+
+
+def _indented(columns: ColumnMap) -> str:
+    return "".join(f"    {line}\n" for line in columns.toml().splitlines())
+
+
 def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool) -> Log:
     """A table for each sensor, in files that are named after it; all on one clock."""
-    streams: dict[str, FloatArray] = {}
-    firsts: dict[str, float] = {}
-    sources: dict[str, str] = {}
-    guesses: list[str] = []
+    tables: list[SensorTable] = []
     for name, sensor in _tables(container).items():
-        table = read_delimited(container.read(name), container.label(name))
-        found, assumed = guess(table, sensor)
-        if found is None or not len(table):
-            tally.skipped[name] += 1
+        content, label = container.read(name), container.label(name)
+        try:
+            try:
+                table = read_delimited(content, label)
+            except NoHeaderError:
+                table = named_by_place(read_delimited(content, label, header_line=0), sensor)
+        except RecordingError as error:
+            tally.note("warning", "left-out", name, str(error), "the file was left out")
             continue
-        guesses += [f"{name}: {key} {getattr(found, key)!r}" for key in assumed]
-        t_s, first_s = clock(table, found.time, found.time_unit)
-        for kind, rows in streams_of(table, found, t_s, tally).items():
-            if kind in streams:
-                raise RecordingError(
-                    f"{path}: {sources[kind]} and {name} both hold {kind}: two devices or two recordings; "
-                    f"name the files of one of them"
-                )
-            streams[kind], firsts[kind], sources[kind] = rows, first_s, name
-    if not streams:
-        raise RecordingError(
-            f"{path}: no time and sensor recognised in {', '.join(_tables(container))}; "
-            f"name one of the files, with a column map"
-        )
-    for name in container.sizes.keys() - sources.values():
-        tally.skipped[name] += 1
-    begin_s = min(firsts.values())
-    for kind, rows in streams.items():
-        rows[:, 0] += firsts[kind] - begin_s
-    if guesses:
-        _note_guesses(tally, guesses)
-    return assemble(path, streams, origin=Origin(start_unix_s=unix_s(begin_s)), tally=tally, strict=strict)
+        tables.append(SensorTable(name, sensor, table))
+    if not tables:
+        raise RecordingError(f"{path}: none of its tables can be read: {'; '.join(map(str, tally.findings))}")
+    tally.skipped.update(dict.fromkeys(container.sizes.keys() - {table.name for table in tables}, 1))
+    return join_tables(path, tables, tally, strict=strict)
 
 
 def _tables(container: Container) -> dict[str, str]:
     """Sensor by member, of text files whose names say one."""
     kinds = {
-        name: sensor_of(re.sub(r"[^a-z]+|\b(csv|txt)$", "", PurePosixPath(name).stem.lower()))[0]
+        name: sensor_in(PurePosixPath(name).stem)
         for name in container.names()
         if name.lower().endswith((".csv", ".txt", ".tsv"))
     }
     return {name: kind for name, kind in kinds.items() if kind in SAMPLED}
-
-
-def _note_guesses(tally: Tally, guesses: Sequence[str]) -> None:
-    tally.note(
-        "warning",
-        "columns-guessed",
-        "header",
-        f"what the header does not state was concluded from the numbers: {', '.join(guesses)}",
-        "check it with `pdrbench inspect`, which prints a column map to keep",
-    )
 
 
 def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
@@ -146,7 +154,10 @@ def column_map_of(path: Path | str) -> str:
     path = Path(path)
     if path.is_dir() or open_container(path).is_zip:
         return ""
-    found, assumed = guess(_table(path))
+    try:
+        found, assumed = guess(_table(path))
+    except NoHeaderError:
+        return ""
     if found is None:
         return ""
     lines = found.toml().splitlines()
@@ -171,7 +182,8 @@ def sniff(head: Head) -> bool:
     if head.container is not None:
         tables = _tables(head.container)
         is_inertial = "accel" in tables.values() and "gyro" in tables.values()
-        return is_inertial and all(_layout_of(head.peek(name), head.path) for name in tables)
+        found = {kind for name, kind in tables.items() if _layout_of(head.peek(name), head.path)}
+        return is_inertial and {"accel", "gyro"} <= found
     layout = _layout_of(head.content, head.path)
     return layout is not None and len(layout.names) >= _MIN_NAMED
 

@@ -22,11 +22,15 @@ _DECIMAL_COMMA: Final = re.compile(rb"(?<![\d,])-?\d+,\d+(?![\d,])")
 _QUOTED: Final = re.compile(r'"([^"]*)"')
 _SAMPLE_BYTES: Final = 4096
 _HEADER_BYTES: Final = 32_768  # a header and the rows by which it is known
+_FEW_LINES: Final = 60  # most headers stand within
 _MAX_NAMED: Final = 12
 _BLANK: Final = re.compile(rb"\s*")
 _MISSING: Final = ("", "nan", "none", "null", "na", "n/a", "-", "--", "?")
 BLANKS: Final = " "  # any number of blanks or tabs between two fields
 _COMMENTS: Final = ("#", "%", "//", "!")
+_COMMENT_LINE: Final = re.compile(rb"^(?:[#%!]|//).*\n?", re.M)
+_MAX_ODD: Final = 0.02  # of all rows: more lines that are no row are a fault of the whole file
+_MIN_ODD: Final = 3
 _UNIT: Final = re.compile(r"[\[(]?[^\W\d_]*[µμ°%]?[^\W\d_]*(?:[/*^ .·][\w^²-]+)*²?[\])]?")
 
 
@@ -41,6 +45,7 @@ class DelimitedTable:
         units: By column, what a line of units below the header says.
         mended: Count by reason of what was repaired.
         dropped: Count by reason of rows that were left out.
+        exact: Whether a field that is no number is an error, however few there are.
     """
 
     path: Path
@@ -49,6 +54,7 @@ class DelimitedTable:
     mended: Counter[str]
     dropped: Counter[str]
     units: Mapping[str, str] = field(default_factory=dict)
+    exact: bool = False
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -67,7 +73,7 @@ class DelimitedTable:
         """(N,) one column; NaN where the field is empty or says so.
 
         Raises:
-            RecordingError: There is no such column, or something else than a number stands in it.
+            RecordingError: There is no such column, or more than a few fields of it hold something else than a number.
         """
         self.require([name])
         values = self.columns[name]
@@ -79,13 +85,14 @@ class DelimitedTable:
             numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=np.float64)
         except OverflowError:  # whole numbers of hundreds of digits
             numbers = pd.to_numeric(pd.Series(self.texts(name)), errors="coerce").to_numpy(dtype=np.float64)
-        for row in np.flatnonzero(np.isnan(numbers)).tolist():
-            came = _text(values[row])
-            if came.lower().lstrip("+-") not in _MISSING:
-                why = (
-                    "a decimal comma; write a point" if "," in came else "no number; delete the row or export it again"
-                )
-                raise RecordingError(f"{self.path}: line {self.first_line + row}: {name} is {came[:40]!r}: {why}")
+        rows = np.flatnonzero(np.isnan(numbers)).tolist()
+        odd = [row for row in rows if _text(values[row]).lower().lstrip("+-") not in _MISSING]
+        if len(odd) > (0 if self.exact else most_odd(len(numbers))):
+            came = _text(values[odd[0]])
+            why = "a decimal comma; write a point" if "," in came else "no number; delete the row or export it again"
+            raise RecordingError(f"{self.path}: line {self.first_line + odd[0]}: {name} is {came[:40]!r}: {why}")
+        if odd:
+            self.dropped[f"{name} is no number"] = len(odd)
         return numbers
 
     def whole(self, name: str) -> NDArray[np.int64] | None:
@@ -104,6 +111,11 @@ class DelimitedTable:
         return [_text(value) for value in self.columns[name]]
 
 
+def most_odd(num: int) -> float:
+    """Lines or fields, of so many, that may be none without the whole file being refused."""
+    return min(max(_MIN_ODD, _MAX_ODD * num), num / 10)
+
+
 def _text(value: object) -> str:
     """A field as text; "" where it is empty."""
     return "" if value is None or value != value else str(value).strip()
@@ -117,6 +129,7 @@ def read_delimited(
     separator: str | None = None,
     decimal: str | None = None,
     header_line: int | None = None,
+    exact: bool = False,
 ) -> DelimitedTable:
     """Reads a table.
 
@@ -128,6 +141,7 @@ def read_delimited(
         decimal: "." or ","; found in the first rows where None.
         header_line: Line of the header, from 1; what stands above it is left out; 0 where there is none, and the
             columns are named "1", "2" and so on; None to find it by the lines below it.
+        exact: Refuse each line that is no row, as of a published set, but a last one that is cut.
 
     Raises:
         RecordingError: Names line, what was seen and remedy.
@@ -136,7 +150,7 @@ def read_delimited(
     content = text.content
     mended, dropped = Counter(text.mended), Counter[str]()
     layout = _layout(content, path, names, separator, header_line)
-    names, separator = layout.names, layout.separator
+    names, separator = _once_each(layout.names), layout.separator
     if separator == BLANKS:
         content, separator = _tabbed(content), "\t"
     begin = 0
@@ -144,18 +158,16 @@ def read_delimited(
         begin = content.find(b"\n", begin) + 1 or len(content)
     if not names:
         raise RecordingError(f"{path}: line {layout.line or 1}: no names of columns; export the file with a header")
-    twice = [name for name, count in Counter(names).items() if count > 1 and name]
-    if twice:
-        raise RecordingError(f"{path}: line {layout.line}: the column {twice[0]!r} stands twice; delete one")
+    content, begin = _without_comments(content, begin, dropped)
     decimal = decimal or _decimal(content[begin : begin + _SAMPLE_BYTES], separator)
     if decimal == ",":
         mended["decimal commas"] += 1
     first_line = layout.first_line
-    end, names = _whole_lines(content, begin, list(names), separator, path, first_line, dropped)
-    if end < len(content):
-        content = content[:end]
+    content, begin, names = _whole_lines(content, begin, list(names), separator, path, first_line, dropped, exact)
     if _BLANK.fullmatch(content, begin):
-        return DelimitedTable(path, {name: np.zeros(0) for name in names}, first_line, mended, dropped, layout.units)
+        return DelimitedTable(
+            path, {name: np.zeros(0) for name in names}, first_line, mended, dropped, layout.units, exact
+        )
     import pandas as pd
 
     rows = io.BytesIO(content)
@@ -177,7 +189,11 @@ def read_delimited(
         reason = str(error).removeprefix("Error tokenizing data. C error: ")
         raise RecordingError(f"{path}: from line {first_line}: {reason.strip()}; export the file again") from error
     columns = {str(name): frame[name].to_numpy() for name in frame.columns}
-    return DelimitedTable(path, columns, first_line, mended, dropped, layout.units)
+    return DelimitedTable(path, columns, first_line, mended, dropped, layout.units, exact)
+
+
+class NoHeaderError(RecordingError):
+    """Rows of numbers without names of columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,12 +221,14 @@ def _layout(
     if names is None and header_line is None:
         found = find_layout(content, separator)
         if found is not None and not found.line:
-            raise RecordingError(
+            raise NoHeaderError(
                 f"{path}: line 1: numbers without a header; write names of columns above them, or set header_line = 0 "
                 f"in a column map, which names the columns 1, 2, 3"
             )
         if found is not None:
             return found
+    if header_line == 0 and names is None and (found := find_layout(content, separator)) is not None:
+        return Layout([str(1 + place) for place in range(len(found.names))], found.separator, 0, found.line + 1)
     line = header_line or 1
     header = content.split(b"\n", line)[line - 1].decode() if content.count(b"\n") >= line - 1 else ""
     separator = separator or _separator(header)
@@ -235,6 +253,10 @@ def find_layout(content: bytes, separator: str | None = None) -> Layout | None:
     lines = content[:_HEADER_BYTES].decode("utf-8", "replace").split("\n")
     if len(content) > _HEADER_BYTES:
         lines.pop()  # cut
+    return _layout_of(lines[:_FEW_LINES], separator) or _layout_of(lines, separator)
+
+
+def _layout_of(lines: list[str], separator: str | None) -> Layout | None:
     found = [
         layout for mark in ([separator] if separator else SEPARATORS) if (layout := _layout_by(lines, mark)) is not None
     ]
@@ -253,16 +275,39 @@ def _layout_by(lines: list[str], separator: str) -> Layout | None:
         return None
     width = Counter(len(fields[place]) for place in rows).most_common(1)[0][0]
     first = next(place for place in rows if len(fields[place]) == width)
-    above = [place for place in range(first) if width <= len(fields[place]) <= width + 1 and not numeric[place]]
+    above = [
+        place
+        for place in range(first)
+        if width <= len(fields[place]) <= width + 1 and not numeric[place] and not any(map(_is_number, fields[place]))
+    ]
     header = next((place for place in above if not lines[place].startswith(_COMMENTS)), *above[:1] or (None,))
     if header is None:
         return Layout([str(1 + place) for place in range(width)], separator)
-    names, units = fields[header], {}
-    if header + 1 in above and all(_UNIT.fullmatch(t) and t.lower() not in _MISSING for t in fields[header + 1] if t):
-        units, first = dict(zip(names, fields[header + 1], strict=False)), header + 2
-    else:
-        first = header + 1
+    names, units, first = fields[header], {}, header + 1
+    if first in above:
+        below = fields[first]
+        if len(set(names)) < len(names):  # the line below tells the columns of one name apart
+            names, first = [f"{one} {other}".strip() for one, other in zip(names, below, strict=False)], first + 1
+        elif all(_UNIT.fullmatch(t) and t.lower() not in _MISSING for t in below if t):
+            units, first = dict(zip(names, below, strict=False)), first + 1
+    while first < len(lines) and _is_words(fields[first]):  # kinds of the columns and the like
+        first += 1
     return Layout(names, separator, header + 1, first + 1, units)
+
+
+def _is_words(fields: Sequence[str]) -> bool:
+    """Whether a line holds names, and no number, date or empty field."""
+    return bool(fields) and all(t[:1].isalpha() and not _is_number(t) and t.lower() not in _MISSING for t in fields)
+
+
+def _once_each(names: Sequence[str]) -> list[str]:
+    """Names of columns; one that stands twice has a number from the second on."""
+    seen: Counter[str] = Counter()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name}#{seen[name]}" if name and seen[name] > 1 else name)
+    return found
 
 
 def _is_number(text: str) -> bool:
@@ -298,15 +343,33 @@ def _decimal(sample: bytes, separator: str) -> str:
     return "," if separator != "," and _DECIMAL_COMMA.search(sample) else "."
 
 
+def _without_comments(content: bytes, begin: int, dropped: Counter[str]) -> tuple[bytes, int]:
+    """The rows without lines that begin as a comment, and where they begin."""
+    marks = [mark.encode() for mark in _COMMENTS]
+    found = content.startswith(tuple(marks), begin) or any(content.find(b"\n" + mark, begin) >= 0 for mark in marks)
+    if not found:
+        return content, begin
+    rows, num = _COMMENT_LINE.subn(b"", content[begin:])
+    dropped["comment"] += num
+    return rows, 0
+
+
 def _whole_lines(
-    content: bytes, begin: int, names: list[str], separator: str, path: Path, first_line: int, dropped: Counter[str]
-) -> tuple[int, list[str]]:
-    """Where the rows end, each with as many fields as there are names; a last line that is cut is left out."""
+    content: bytes,
+    begin: int,
+    names: list[str],
+    separator: str,
+    path: Path,
+    first_line: int,
+    dropped: Counter[str],
+    exact: bool,
+) -> tuple[bytes, int, list[str]]:
+    """The rows and where they begin, each with as many fields as there are names; a few odd lines are left out."""
     if content.find(b'"', begin) >= 0:  # fields in quotes may hold separators: the parser counts them
-        return len(content), names
+        return content, begin, names
     num_lines = content.count(b"\n", begin) + (not content.endswith(b"\n"))
     if content.find(b"\n\n", begin) < 0 and content.count(separator.encode(), begin) == num_lines * (len(names) - 1):
-        return len(content), names  # where a line has too few, another has too many, which the parser refuses
+        return content, begin, names  # where a line has too few, another has too many, which the parser refuses
     codes = np.frombuffer(content, dtype=np.uint8, offset=begin)
     ends = np.flatnonzero(codes == ord("\n"))
     if not content.endswith(b"\n"):
@@ -315,18 +378,21 @@ def _whole_lines(
     per_line = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
     is_row = np.diff(ends, prepend=-1) > 1
     if not is_row.any():
-        return len(content), names
+        return content, begin, names
     if (per_line[is_row] == len(names) + 1).all() and (codes[ends[is_row] - 1] == ord(separator)).all():
         names = [*names, ""]  # a separator at the end of each row, though not of the header
     wrong = np.flatnonzero(is_row & (per_line != len(names)))
-    last = int(np.flatnonzero(is_row)[-1])
-    if len(wrong) and int(wrong[-1]) == last and len(wrong) == 1 and per_line[last] < len(names):
-        dropped["last line cut"] += 1
-        return begin + (int(ends[last - 1]) + 1 if last else 0), names
-    if len(wrong):
+    is_last = len(wrong) == 1 and wrong[0] == np.flatnonzero(is_row)[-1] and per_line[wrong[0]] < len(names)
+    if len(wrong) > (0 if exact else most_odd(int(is_row.sum()))) and not is_last:
         row = int(wrong[0])
         raise RecordingError(
             f"{path}: line {first_line + row}: {int(per_line[row])} fields, expected {len(names)}; "
             f"the line is cut, or numbers are written with decimal commas: delete the line or export the file again"
         )
-    return len(content), names
+    if not len(wrong):
+        return content, begin, names
+    dropped["last line cut" if is_last else "line with another number of fields"] += len(wrong)
+    lines = content[begin:].split(b"\n")
+    for row in wrong.tolist():
+        lines[row] = b""
+    return b"\n".join(lines), 0, names

@@ -50,8 +50,8 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     if match is None:
         raise RecordingError(f"{path}: no line begins with PacketCounter or SampleTimeFine; export the file again")
     top = content[: match.start()].decode("utf-8", "replace")
-    is_mt = top.startswith("//") or b"\t" in match[0]
     table = read_delimited(content, path, header_line=content.count(b"\n", 0, match.start()) + 1)
+    is_mt = top.startswith("//") or b"\t" in match[0] or _has_mt_ticks(table)
     tally.mended += table.mended
     tally.dropped += table.dropped
     if not len(table):
@@ -80,6 +80,15 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         tally.skipped["magnetometer in arbitrary units"] += len(t_s)
     device = "Xsens MT" if is_mt else "Xsens DOT"
     return assemble(path, streams, origin=Origin(device, _start(top)), tally=tally, strict=strict)
+
+
+def _has_mt_ticks(table: DelimitedTable) -> bool:
+    """Whether steps of `SampleTimeFine` are those of a sensor in tenths of milliseconds, not in microseconds."""
+    if "SampleTimeFine" not in table.columns:
+        return False
+    steps = np.diff(table.numbers("SampleTimeFine"))
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    return 0.001 <= usual * 1e-4 <= 0.1
 
 
 def _times(path: Path, table: DelimitedTable, top: str, tally: Tally, *, tick_s: float) -> FloatArray:

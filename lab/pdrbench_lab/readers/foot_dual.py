@@ -48,4 +48,4 @@ def read(path: Path | str) -> Log:
 
 
 def _table(path: Path) -> DelimitedTable:
-    return read_delimited(read_text(path).content, path, separator=",")
+    return read_delimited(read_text(path).content, path, separator=",", exact=True)

@@ -67,7 +67,7 @@ def _rows(content: bytes, path: Path) -> tuple[DelimitedTable, int]:
     names = tuple(name.strip() for name in content[begin:end].decode().split(":") if name.strip())
     last = content.rfind(b"\n") + 1
     line = content.count(b"\n", 0, end)
-    table = read_delimited(content[:last], path, names=names, separator=BLANKS, header_line=line)
+    table = read_delimited(content[:last], path, names=names, separator=BLANKS, header_line=line, exact=True)
     return table, int(bool(content[last:].strip()))
 
 

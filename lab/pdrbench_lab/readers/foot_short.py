@@ -29,7 +29,7 @@ def read(path: Path | str) -> Log:
     """Reads one walk: accel, gyro, and as reference its two ends at the origin."""
     path = Path(path)
     text, tally = read_text(path), Tally()
-    table = read_delimited(text.content, path, separator=",")
+    table = read_delimited(text.content, path, separator=",", exact=True)
     table.require((TIME, *_GYRO, *_ACCEL))
     axes = {
         "accel": table.table(_ACCEL) * STANDARD_GRAVITY_MPS2,

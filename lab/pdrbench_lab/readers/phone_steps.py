@@ -84,7 +84,7 @@ def _file(folder: Path, name: str) -> Path:
 
 def _table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, int]:
     """Rows in order of time, and how many were out of order."""
-    table = read_delimited(read_text(path).content, path, names=names, separator=",").table(names)
+    table = read_delimited(read_text(path).content, path, names=names, separator=",", exact=True).table(names)
     if len(table) < MIN_ROWS or not np.isfinite(table).all():
         raise RecordingError(f"{path}: {len(table)} rows, expected {MIN_ROWS} or more, all of them finite numbers")
     order = np.argsort(table[:, 0], kind="stable")

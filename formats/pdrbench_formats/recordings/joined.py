@@ -1,0 +1,146 @@
+"""Several tables of one recording, each with one sensor, on one clock."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import FloatArray
+from pdrbench.io.log import Log
+from pdrbench.sensors.checks import SAMPLED
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_guesses
+from pdrbench_formats.recordings.columnguess import guess, sensor_in, turns_in_degrees
+from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, streams_of, unix_s
+from pdrbench_formats.recordings.delimited import DelimitedTable
+
+_MAX_APART_S: Final = 60.0  # between the beginnings of sensors of one recording
+_MAX_KINDS: Final = 40  # of records in one table
+_BEST_ATTITUDE: Final = ("game", "rotation", "quat")  # in the name: without the magnetometer first
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTable:
+    """A table with the rows of one sensor.
+
+    Attributes:
+        name: Of its file, or of its kind of records.
+        sensor: A key of `SENSORS`; "" where the columns say it.
+        table: Its columns.
+    """
+
+    name: str
+    sensor: str
+    table: DelimitedTable
+
+
+@dataclass(frozen=True, slots=True)
+class _Explained:
+    """A table with what its columns are, and what of that was concluded from the numbers."""
+
+    source: SensorTable
+    columns: ColumnMap
+    assumed: Sequence[str]
+
+    def begin_s(self, unit: str = "") -> float:
+        """The first time, in a unit of time."""
+        return clock(self.source.table, self.columns.time, unit or self.columns.time_unit)[1]
+
+
+def join_tables(path: Path, tables: Iterable[SensorTable], tally: Tally, *, strict: bool) -> Log:
+    """A log of tables; one in which no sensor is recognised is listed among what was skipped.
+
+    Raises:
+        RecordingError: Nothing is recognised, two tables hold one sensor, or two clocks do not agree; names both.
+    """
+    explained: list[_Explained] = []
+    for source in tables:
+        found, assumed = guess(source.table, source.sensor, shared=True)
+        if found is None or not found.time or not len(source.table):
+            tally.skipped[source.name] += 1
+        else:
+            explained.append(_Explained(source, found, assumed))
+    if not explained:
+        raise RecordingError(
+            f"{path}: no time and sensor recognised in its tables; name one of them, with a column map"
+        )
+    explained = _on_one_clock(path, explained)
+    begin_s = min(one.begin_s() for one in explained)
+    streams: dict[str, FloatArray] = {}
+    sources: dict[str, _Explained] = {}
+    for one in sorted(explained, key=_attitude_rank):
+        t_s, first_s = clock(one.source.table, one.columns.time, one.columns.time_unit)
+        for kind, rows in streams_of(one.source.table, one.columns, t_s + (first_s - begin_s), tally).items():
+            if kind == "rotation" and kind in streams:
+                tally.skipped[one.source.name] += 1
+            elif kind in streams and not np.array_equal(rows, streams[kind]):
+                raise RecordingError(
+                    f"{path}: {sources[kind].source.name} and {one.source.name} both hold {kind}: two devices or two "
+                    f"recordings; name the files of one of them"
+                )
+            else:
+                streams[kind], sources[kind] = rows, one
+    guesses = [f"{one.source.name}: {key} {getattr(one.columns, key)!r}" for one in explained for key in one.assumed]
+    if "accel" in streams and "gyro_unit" in getattr(sources.get("gyro"), "assumed", ()):
+        degrees = UNITS["gyro_unit"]["deg/s"]
+        if sources["gyro"].columns.gyro_unit == "rad/s" and turns_in_degrees(streams["gyro"], streams["accel"]):
+            streams["gyro"][:, 1:] *= degrees
+            guesses = [guess.replace("gyro_unit 'rad/s'", "gyro_unit 'deg/s'") for guess in guesses]
+    if guesses:
+        note_guesses(tally, guesses)
+    return assemble(path, streams, origin=Origin(start_unix_s=unix_s(begin_s)), tally=tally, strict=strict)
+
+
+def _attitude_rank(one: _Explained) -> int:
+    name = one.source.name.lower()
+    return next((place for place, word in enumerate(_BEST_ATTITUDE) if word in name), len(_BEST_ATTITUDE))
+
+
+def _on_one_clock(path: Path, explained: list[_Explained]) -> list[_Explained]:
+    """Units of time that no header states, so that all begin together with the inertial sensors."""
+    first = next((one for one in explained if "time_unit" not in one.assumed), None)
+    first = first or next((one for one in explained if one.columns.accel or one.columns.gyro), explained[0])
+    begin_s = first.begin_s()
+    found = []
+    for one in explained:
+        columns = one.columns
+        if "time_unit" in one.assumed and columns.time_unit != "datetime":
+            units = [unit for unit in SECONDS_IN if abs(one.begin_s(unit) - begin_s) < _MAX_APART_S]
+            if units and columns.time_unit not in units:
+                columns = msgspec.structs.replace(columns, time_unit=units[0])
+        one = _Explained(one.source, columns, one.assumed)
+        if abs(one.begin_s() - begin_s) > 60 * _MAX_APART_S:
+            raise RecordingError(
+                f"{path}: {first.source.name} begins at {begin_s:.3f} s, {one.source.name} at {one.begin_s():.3f} s: "
+                f"two clocks or two recordings; export them with one clock, or name one of the files"
+            )
+        found.append(one)
+    return found
+
+
+def by_kind(table: DelimitedTable) -> list[SensorTable]:
+    """The rows of a table in which a column says the sensor of each row, by sensor; [] where there is none."""
+    for name, values in table.columns.items():
+        if values.dtype.kind in "iuf" or not len(values):
+            continue
+        texts = np.array(table.texts(name))
+        kinds = list(dict.fromkeys(texts[: 50 * _MAX_KINDS].tolist()))
+        sensors = {kind: sensor_in(kind) for kind in kinds}
+        if len(kinds) <= _MAX_KINDS and set(sensors.values()) & {"accel", "gyro"}:
+            return [
+                SensorTable(kind, sensor, _rows_of(table, texts == kind, name))
+                for kind, sensor in sensors.items()
+                if sensor in SAMPLED
+            ]
+    return []
+
+
+def _rows_of(table: DelimitedTable, chosen: FloatArray, kind: str) -> DelimitedTable:
+    columns = {name: values[chosen] for name, values in table.columns.items() if name != kind}
+    return DelimitedTable(table.path, columns, table.first_line, Counter(), Counter(), table.units)

@@ -1,0 +1,281 @@
+"""Tables as strangers bring them: a thousand ways to write one walk, and logs with odd lines, files and clocks."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import recording_samples as samples
+
+from pdrbench.errors import RecordingError
+from pdrbench_formats.detect import read
+
+Rows = dict[str, np.ndarray]
+NUM = int(os.environ.get("DIALECTS", "100"))  # DIALECTS=1000 reads a thousand
+MIN_READ = 0.98
+
+TIMES: dict[str, tuple[float, tuple[str, ...]]] = {  # factor from seconds, words of a header that states it
+    "s": (1.0, ("time (s)", "t_s", "seconds", "time [sec]", "elapsed_seconds", "Time(Seconds)")),
+    "ms": (1e3, ("time_ms", "timestamp [msec]", "millis", "time (milliseconds)", "epoch (ms)", "timestampMs")),
+    "us": (1e6, ("t_us", "time [µs]", "timestamp (usec)", "micros", "time_microseconds", "time us")),
+    "ns": (1e9, ("Timestamp[nanosec]", "time_ns", "t (nsec)", "timestampNanos", "elapsedRealtimeNanos", "timens")),
+}
+SILENT_TIMES = ("timestamp", "time", "t", "Time", "elapsed", "#timestamp")
+EPOCHS_S = (0.0, 66_000.961, 2_100_000.5, 1_700_000_000.0)
+ACCEL = ("acc_{}", "ax ay az", "Accelerometer {}", "accel.{}", "Acceleration {} {{u}}", "acc{} {{u}}", "a{}[{{u}}]")
+GYRO = ("gyr_{}", "wx wy wz", "Gyroscope {}", "gyro.{}", "Angular velocity {} {{u}}", "gyro{} {{u}}", "g{}[{{u}}]")
+ACCEL_UNITS = {"m/s^2": (1.0, ("m/s2", "m/s²", "mps2")), "g": (1 / 9.80665, ("g",)), "mg": (1e3 / 9.80665, ("mg",))}
+GYRO_UNITS = {"rad/s": (1.0, ("rad/s", "rps")), "deg/s": (180 / np.pi, ("deg/s", "dps", "°/s"))}
+LIES = 0.06  # of headers that state a wrong unit of time
+
+
+def pick(rng: np.random.Generator, options: Any) -> Any:
+    options = list(options)
+    return options[int(rng.integers(len(options)))]
+
+
+def names_of(rng: np.random.Generator, patterns: tuple[str, ...], units: tuple[str, ...]) -> list[str]:
+    """Three names, with the unit or without."""
+    pattern = pick(rng, patterns)
+    names = pattern.split() if "{" not in pattern else [pattern.format(axis) for axis in pick(rng, ("xyz", "XYZ"))]
+    unit = pick(rng, units)
+    return [name.replace("{u}", f"({unit})" if "[" not in name else unit) for name in names]
+
+
+def dialect(rng: np.random.Generator, walk: Rows) -> tuple[str, bool]:
+    """A walk as text with a header, in words, order, decimals, units and a clock of chance; whether its time lies."""
+    step = int(pick(rng, (1, 2, 4)))
+    t_s, accel, gyro = walk["accel"][::step, 0], walk["accel"][::step, 1:], walk["gyro"][::step, 1:]
+    unit = pick(rng, TIMES)
+    factor, words = TIMES[unit]
+    lies = bool(rng.random() < LIES)
+    stated = lies or bool(rng.random() < 0.5)
+    others = [word for other in TIMES if other != unit for word in TIMES[other][1]]
+    time_name = pick(rng, others if lies else words if stated else SILENT_TIMES)
+    t = (t_s + pick(rng, EPOCHS_S)) * factor
+    form = f"%.{ {'s': 4, 'ms': int(pick(rng, (0, 1))), 'us': 0, 'ns': 0}[unit] }f"
+    columns = [(time_name, [form % value for value in t])]
+    for values, patterns, units in ((accel, ACCEL, ACCEL_UNITS), (gyro, GYRO, GYRO_UNITS)):
+        scale, texts = units[pick(rng, units)]
+        names = names_of(rng, patterns, texts)
+        digits = 2 if scale > 50 else 5
+        columns += [
+            (name, [f"{value:.{digits}f}" for value in axis * scale])
+            for name, axis in zip(names, values.T, strict=True)
+        ]
+    if rng.random() < 0.3:
+        other = pick(rng, ("battery", "note", "heart rate", "accuracy"))
+        columns.append((other, [str(7 + k % 3) for k in range(len(t))]))
+    order = [0, *(1 + rng.permutation(len(columns) - 1))] if rng.random() < 0.3 else range(len(columns))
+    columns = [columns[k] for k in order]
+    separator = pick(rng, (",", ";", "\t"))
+    lines = [separator.join(column[1][row] for column in columns) for row in range(len(t))]
+    if separator != "," and rng.random() < 0.5:
+        lines = [line.replace(".", ",") for line in lines]
+    if rng.random() < 0.3:
+        lines.insert(int(rng.integers(1, len(lines))), pick(rng, ("# pause", "", "// marker 3", "cut off", "%")))
+    above = pick(rng, ((), (), ("# made by hand",), ("Device: Foo, 3", ""), ("sep=" + separator,)))
+    text = pick(rng, ("\n", "\r\n")).join([*above, separator.join(name for name, _ in columns), *lines, ""])
+    return text, lies
+
+
+def is_right(log: Any, walk: Rows) -> bool:
+    """Times to a millisecond and vectors to their printed digits."""
+    for sensor in ("accel", "gyro"):
+        rows = log.rows.get(sensor)
+        if rows is None or len(rows) < 60:
+            return False
+        at = np.rint(rows[:, 0] * samples.RATE_HZ).astype(int)
+        if np.abs(rows[:, 0] - at / samples.RATE_HZ).max() > 2e-3 or at[-1] >= len(walk[sensor]):
+            return False
+        if np.abs(rows[:, 1:] - walk[sensor][at, 1:]).max() > 0.02:
+            return False
+    return True
+
+
+def read_or_follow(path: Path) -> tuple[Any, bool]:
+    """A log; where it is refused with a column map, that which the map gives."""
+    try:
+        return read(path), True
+    except RecordingError as error:
+        columns = re.search(r"(    \[columns\]\n(?:    .*\n?)+)", str(error))
+        assert columns is not None, error
+        return read(path, "csv", columns=tomllib.loads(columns[1].replace("    ", ""))["columns"]), False
+
+
+def test_a_thousand_ways_to_write_a_walk(tmp_path: Path) -> None:
+    rng = np.random.default_rng(48)
+    walk = {name: rows[:600] for name, rows in samples.make_walk(6.0).items()}
+    path, num_read, num_honest = tmp_path / "walk.csv", 0, 0
+    for _ in range(NUM):
+        text, lies = dialect(rng, walk)
+        path.write_text(text, encoding="utf-8")
+        log, at_once = read_or_follow(path)
+        assert is_right(log, walk), text[:600]
+        assert not (lies and at_once), text[:300]
+        num_honest += not lies
+        num_read += at_once
+    assert num_read >= MIN_READ * num_honest
+
+
+def table(walk: Rows, *sensors: str, t: float = 1.0, begin: float = 0.0) -> np.ndarray:
+    """Rows (T, C) of a time, from `begin` in units of which `t` are a second, and the axes of some sensors."""
+    return np.column_stack([np.round((walk["accel"][:, 0] + begin) * t), *(walk[name][:, 1:] for name in sensors)])
+
+
+def imu_recorder(walk: Rows) -> samples.Files:
+    """A file for each sensor, without a header, nanoseconds since boot; the attitude as x, y, z, w."""
+    files = {}
+    rows = {
+        "acce": "accel",
+        "gyro": "gyro",
+        "magnet": "mag",
+        "game_rv": "rotation",
+        "gravity": "gravity",
+        "rv": "rotation",
+    }
+    for name, sensor in rows.items():
+        columns = table(walk, sensor, t=1e9, begin=14_378.66)
+        columns = columns[:, [0, 2, 3, 4, 1]] if sensor == "rotation" else columns
+        files[f"2021-04-23/{name}.txt"] = b"# Created at Fri Apr 23 03:53:31 GMT+07:00 2021\n" + samples.text_of(
+            "", columns, " ", "%.15g"
+        )
+    return {**files, "2021-04-23/reference_time.txt": b"0\n", "2021-04-23/README.md": b"mine"}
+
+
+def meta_base(walk: Rows) -> samples.Files:
+    """Two files whose names and units say the sensor, and whose elapsed seconds begin each at its own zero."""
+    files = {}
+    for sensor, name, unit, factor in (
+        ("accel", "Accelerometer", "g", 1 / 9.80665),
+        ("gyro", "Gyroscope", "deg/s", 180 / np.pi),
+    ):
+        part = walk[sensor][50 if sensor == "gyro" else 0 :]
+        ms = np.round(part[:, 0] * 1e3) + 1_700_000_000_000
+        rows = [
+            f"{ms[k]:.0f},2023-11-14T17:13:20.000,{0.01 * k:.3f}," + ",".join(f"{v * factor:.7f}" for v in part[k, 1:])
+            for k in range(len(part))
+        ]
+        axes = ",".join(f"{axis}-axis ({unit})" for axis in "xyz")
+        text = "\n".join([f"epoch (ms),time (-05:00),elapsed (s),{axes}", *rows, ""])
+        files[f"MetaWear_2023-11-14T17.13.20.000_D1A2B3C4D5E6_{name}_100.000Hz_1.7.3.csv"] = text.encode()
+    return files
+
+
+def gnss_logger(walk: Rows) -> samples.Files:
+    lines = ["# ", "# Version: v3.0.0.1 Platform: 10 Manufacturer: Foo Model: Bar 5", "# Raw,utcTimeMillis,TimeNanos"]
+    names = {"accel": ("UncalAccel", "Mps2"), "gyro": ("UncalGyro", "RadPerSec"), "mag": ("UncalMag", "MicroT")}
+    for kind, unit in names.values():
+        fields = ",".join(f"{what}{axis}{unit}" for what in (kind, "Bias") for axis in "XYZ")
+        lines.append(f"# {kind},utcTimeMillis,elapsedRealtimeNanos,{fields}")
+    lines += ["# ", "Raw,1700000000000,1,2,3"]
+    for row in range(len(walk["accel"])):
+        t = walk["accel"][row, 0]
+        for sensor, (kind, _) in names.items():
+            x, y, z = walk[sensor][row, 1:] + [0.1, 0.2, 0.3]
+            lines.append(f"{kind},{1.7e12 + t * 1e3:.0f},{(65_972 + t) * 1e9:.0f},{x:.7f},{y:.7f},{z:.7f},0.1,0.2,0.3")
+    return {"gnss_log.txt": "\n".join([*lines, ""]).encode()}
+
+
+def wit_motion(walk: Rows) -> samples.Files:
+    lines = [
+        "StartTime: 2023-11-14 22:13:20.000",
+        "time\tDeviceName\tAccX(g)\tAccY(g)\tAccZ(g)\tAsX(°/s)\tAsY(°/s)\tAsZ(°/s)",
+    ]
+    for a, w in zip(walk["accel"], walk["gyro"], strict=True):
+        values = [*(a[1:] / 9.80665), *(w[1:] * 180 / np.pi)]
+        second, ms = divmod(round(a[0] * 1000), 1000)
+        lines.append(f"2023-11-14 22:13:{20 + second}:{ms:03d}\tWT901\t" + "\t".join(f"{v:.6f}" for v in values))
+    return {"data.txt": "\n".join([*lines, ""]).encode()}
+
+
+def mars(walk: Rows) -> samples.Files:
+    names = ", ".join([*(f"g{axis}[rad/s]" for axis in "xyz"), *(f"a{axis}[m/s^2]" for axis in "xyz")])
+    columns = table(walk, "gyro", "accel", t=1e9, begin=328_551.5)
+    columns = np.column_stack([columns, columns[:, 0] - 328_551.5e9 + 1.7e18])
+    text = samples.text_of(f"Timestamp[nanosec], {names}, Unix time[nanosec]", columns, ", ", "%.15g")
+    return {"gyro_accel.csv": text}
+
+
+def boot_ns(walk: Rows) -> samples.Files:
+    columns = table(walk, "accel", "gyro", t=1e9, begin=66_000.96)
+    return {"a.csv": samples.text_of("timestamp,ax,ay,az,gx,gy,gz", columns, form="%.15g")}
+
+
+def xsens_commas(walk: Rows) -> samples.Files:
+    """MT Manager with commas and without the lines above the header."""
+    columns = table(walk, "accel", "gyro", t=1e4)
+    header = "PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
+    return {"MT.csv": samples.text_of(header, np.column_stack([np.arange(len(columns)), columns]))}
+
+
+def kinds_in_a_column(walk: Rows) -> samples.Files:
+    lines = ["timestamp_ms,sensor,x,y,z"]
+    for a, w in zip(walk["accel"], walk["gyro"], strict=True):
+        for kind, row in (("android.sensor.accelerometer", a), ("android.sensor.gyroscope", w)):
+            lines.append(f"{a[0] * 1e3 + 5e7:.0f},{kind},{row[1]:.7f},{row[2]:.7f},{row[3]:.7f}")
+    return {"log.csv": "\n".join([*lines, ""]).encode()}
+
+
+def odd_lines(walk: Rows) -> samples.Files:
+    rows = samples.lines_of(np.column_stack([walk["accel"], walk["gyro"][:, 1:]]))
+    rows[100:100] = ["# marker: door", "zebra", "", "t,ax,ay,az,gx,gy,gz", "// lap 2", "1.0,2.0"]
+    return {"a.csv": "\n".join(["t,ax,ay,az,gx,gy,gz,", *rows, ""]).encode()}
+
+
+DOORS = (imu_recorder, meta_base, gnss_logger, wit_motion, mars, boot_ns, xsens_commas, kinds_in_a_column, odd_lines)
+
+
+@pytest.mark.parametrize("write", DOORS, ids=lambda write: write.__name__)
+def test_logs_of_strangers(write: Any, phone_walk: Rows, tmp_path: Path) -> None:
+    files = write(phone_walk)
+    samples.folder_of(tmp_path, files)
+    log = read(tmp_path if len(files) > 1 else tmp_path / next(iter(files)), strict=True)
+    assert {"accel", "gyro"} <= log.rows.keys()
+    for sensor in log.rows.keys() & phone_walk.keys():
+        rows = phone_walk[sensor][len(phone_walk[sensor]) - len(log.rows[sensor]) :]
+        np.testing.assert_allclose(log.rows[sensor], rows, atol=2e-3 if sensor != "gyro" else 1e-4)
+    if write is imu_recorder:
+        assert log.report.skipped.keys() >= {"reference_time.txt", "README.md", "rv.txt"}
+    if write is odd_lines:
+        assert (
+            log.report.dropped.items()
+            >= {"comment": 2, "line with another number of fields": 2, "t is no number": 1}.items()
+        )
+
+
+def test_backslashes_in_an_archive_are_folders(phone_walk: Rows, tmp_path: Path) -> None:
+    files = {f"walk\\{name}": content for name, content in meta_base(phone_walk).items()}
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name, content in files.items():
+            member = zipfile.ZipInfo(name)
+            member.filename = name  # zipfile would write a slash on Windows
+            archive.writestr(member, content)
+    assert read(tmp_path / "a.zip").rows.keys() == {"accel", "gyro"}
+    with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
+        archive.writestr("..\\a.csv", b"x")
+    with pytest.raises(RecordingError, match="outside the archive"):
+        read(tmp_path / "b.zip")
+
+
+def test_two_headers_and_no_time(phone_walk: Rows, tmp_path: Path) -> None:
+    """As gaitmap exports two feet; the map in the message is followed."""
+    values = np.column_stack([phone_walk["accel"][:, 1:], phone_walk["gyro"][:, 1:] * 180 / np.pi])
+    values = np.repeat(values, 2, axis=1) + np.tile([0.0, 0.01], 6)
+    names = [f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in "xyz"]
+    header = "sensor," + ",".join(["left_sensor,right_sensor"] * 6)
+    below = "axis," + ",".join(f"{name},{name}" for name in names)
+    rows = [f"{k},{line}" for k, line in enumerate(samples.lines_of(values))]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([header, below, *rows, ""]))
+    with pytest.raises(RecordingError, match=r"right_sensor acc_x.*accel and gyro: two devices.*state the rate"):
+        read(path)
+    log, _ = read_or_follow(path)
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
+    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
