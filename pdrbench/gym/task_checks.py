@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, cast
 
 import numpy as np
@@ -30,6 +30,8 @@ from pdrbench.gym.checking import (
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.vector import LocalizationVectorEnv
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.metrics.ranking import smallest_ratio
+from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.task import SPLITS, Task
@@ -40,6 +42,10 @@ START_SLACK_M: Final = 5.0  # between the briefed start and the reference, beyon
 MAX_BEGIN_S: Final = 60.0  # a stream that begins later has a clock of its own
 EXACT_M: Final = 1e-9
 BRACKETED: Final = "mean_level_penalised_m"  # the score that an oracle and standing still bracket
+PUBLISHED_RATIO: Final = 1.25  # that a board tells between neighbours, at least
+# Of the logarithm of the ratio of neighbours in a ranking, between units: 0.55 to 0.6 on strides, feet and phones
+NEIGHBOUR_SPREAD: Final = 0.6
+SOME_WALKS: Final = 8  # in as many buildings: then every walk is taken to have its own
 SAME_SCAN_READINGS: Final = 10  # as many equal readings do not come by chance
 
 
@@ -82,6 +88,7 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         "the observation space holds every observation": lambda: _spaces(cached),
         "test splits reward nothing": lambda: _rewards(cached),
         "gymnasium's check_env passes": lambda: _gymnasium(cached),
+        "its walks tell localizers apart": lambda: _tells_apart(task),
         "a seed fixes the order of walks": lambda: _seeded(cached),
         "both roads give the same estimates": lambda: _each(cached, _both_roads),
         "the vector environment agrees": lambda: _vector(cached),
@@ -110,6 +117,29 @@ def _splits(task: Task) -> str:
     require(task.walks.get("test"), "there is no test split; scores are compared on it")
     remark = ", ".join(f"{split} {len(task.walks.get(split, ()))}" for split in SPLITS)
     return remark if task.walks.get("train") else f"{remark}; nothing to tune on, so tune elsewhere"
+
+
+def _tells_apart(task: Task) -> str:
+    """Warns where so few units rank that neighbours cannot be told apart; `pdrbench power` measures instead."""
+    walks = task.walks.get("test") or task.split(task.default_split)
+    units = set(map(task.units.get, walks)) if task.units else _buildings(task, walks)
+    count = len(units) if len(units) >= MIN_UNITS else len(walks)
+    if count < 2:
+        return f"warning: one walk tells nothing; see pdrbench power {task.id}"
+    ratio = smallest_ratio(NEIGHBOUR_SPREAD / math.sqrt(count), count - 1)
+    limit = f"ratios from about {ratio:.2f} on are told between neighbours"
+    is_enough = ratio <= PUBLISHED_RATIO
+    return limit if is_enough else f"warning: {limit}, a board needs {PUBLISHED_RATIO}; see pdrbench power {task.id}"
+
+
+def _buildings(task: Task, walks: Sequence[str]) -> set[str]:
+    """Names that tell the buildings of walks apart; where the first ones differ, every walk counts as another."""
+    loaded = [task.load(walk).building for walk in walks[:SOME_WALKS]]
+    names = {building.name for building in loaded if building is not None}
+    if len(names) == len(loaded):
+        return set(walks)
+    loaded += [task.load(walk).building for walk in walks[SOME_WALKS:]]
+    return {"" if building is None else building.name for building in loaded}
 
 
 def _loads_the_same(task: Task, loaded: Mapping[str, Recording]) -> None:
