@@ -140,8 +140,7 @@ class Results:
 
         if metric not in METRICS:
             raise unknown_name("metric", metric, METRICS)
-        better = METRICS[metric].better
-        if better == "none":
+        if METRICS[metric].better == "none":
             raise PdrbenchError(f"{metric} is neither better when low nor when high: there is nothing to compare")
         if METRICS[metric].over_walks != "mean":
             raise PdrbenchError(
@@ -155,7 +154,7 @@ class Results:
         for (env, split, division), of in groups.items():
             values, units = side_by_side(of, lambda _, scored: scored.scores[metric])
             rng = np.random.default_rng(DRAW_SEED)
-            for pair in compare_pairs(values, rng=rng, units=units, better=better):
+            for pair in compare_pairs(values, rng=rng, units=units):
                 found.append({"env": env, "split": split, "division": division, "metric": metric} | asdict(pair))
         return pd.DataFrame(found)
 

@@ -28,7 +28,6 @@ EXACT_UNITS: Final = 20  # most units for all patterns of signs; more are drawn
 DRAWS: Final = 100_000  # of patterns: the smallest p-value, 1e-5, times 435 pairs of 30 entries is still below 0.01
 
 Units = Sequence[str] | Sequence[int] | IntArray
-Better = Literal["lower", "higher"]
 # What values can be, which shapes their interval: any number, a size of at least 0, a fraction from 0 to 1.
 Scale = Literal["any", "size", "fraction"]
 
@@ -248,19 +247,6 @@ def holm(p_values: ArrayLike) -> FloatArray:
     return adjusted
 
 
-def probability_of_improvement(first: ArrayLike, second: ArrayLike, *, better: Better = "lower") -> float:
-    """Fraction of walks on which the first is better than the second, ties by half; NaN without a common walk.
-
-    Args:
-        first: (W,) values on the same walks, in the same order.
-        second: (W,).
-        better: Which direction is better.
-    """
-    gain = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
-    gain = gain[np.isfinite(gain)] * {"lower": 1.0, "higher": -1.0}[better]
-    return float(np.mean((gain > 0) + 0.5 * (gain == 0))) if len(gain) else math.nan
-
-
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Two localizers on the same walks and seeds.
@@ -274,9 +260,6 @@ class Comparison:
         high: Upper end.
         p: Two-sided p-value of the paired test.
         p_holm: Adjusted for all pairs that were compared with this one.
-        improvement: Fraction of walks on which the first is better, ties by half.
-        improvement_low: Lower end of its interval, NaN below `MIN_UNITS` units.
-        improvement_high: Upper end.
     """
 
     first: str
@@ -287,9 +270,6 @@ class Comparison:
     high: float
     p: float
     p_holm: float
-    improvement: float
-    improvement_low: float
-    improvement_high: float
 
 
 def compare_pairs(
@@ -297,7 +277,6 @@ def compare_pairs(
     *,
     rng: np.random.Generator,
     units: Units | None = None,
-    better: Better = "lower",
     confidence: float = CONFIDENCE,
 ) -> tuple[Comparison, ...]:
     """Every pair of localizers by their per-walk differences.
@@ -306,7 +285,6 @@ def compare_pairs(
         values_by_localizer: (W,) values by localizer, all on the same walks in the same order; NaN where there is none.
         rng: Draws signs.
         units: (W,) unit of each walk; None: each walk is one.
-        better: Which direction is better.
         confidence: Of the intervals; they are of one pair each, not adjusted.
     """
     values = {name: np.asarray(of, dtype=np.float64) for name, of in values_by_localizer.items()}
@@ -321,12 +299,9 @@ def compare_pairs(
     for (first, second), difference, p, p_holm in zip(pairs, differences.T, p_values, holm(p_values), strict=True):
         both = np.isfinite(difference)
         effect = float(difference[both].mean()) if both.any() else math.nan
-        wins = np.where(both, 0.5 - 0.5 * np.sign(difference) * {"lower": 1.0, "higher": -1.0}[better], math.nan)
         low, high = mean_interval(difference, units, confidence=confidence)
-        ends = mean_interval(wins, units, scale="fraction", confidence=confidence)
-        improvement = probability_of_improvement(values[first], values[second], better=better), *map(float, ends)
-        row = first, second, int(both.sum()), effect, float(low), float(high), float(p), float(p_holm)
-        found.append(Comparison(*row, *improvement))
+        ends = float(low), float(high)
+        found.append(Comparison(first, second, int(both.sum()), effect, *ends, float(p), float(p_holm)))
     return tuple(found)
 
 
