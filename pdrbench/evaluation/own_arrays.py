@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -14,13 +15,17 @@ from pdrbench.episode import Episode, play
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Localizer
-from pdrbench.recording import Recording, SensorStream
+from pdrbench.radio.tables import survey_of, wifi_rows
+from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.registry import EXCHANGES_GROUP, entries, make_localizer
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.sensors import sensor_spec
 from pdrbench.sensors.checks import guard, rate_of
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates, Start, Trajectory
+
+if TYPE_CHECKING:
+    from pdrbench.radio.tables import ScanTable
 
 PERIOD_S: Final = 0.2  # between observations, as the environments with a phone have it
 GUARDED: Final = ("accel", "gyro", "mag")
@@ -58,6 +63,7 @@ def replay(
     building: Building | None = None,
     start: Start | Sequence[float] | None = None,
     heading_rad: float | None = None,
+    radio_map: RadioMap | ScanTable | None = None,
     mounting: str = "",
     subject: Mapping[str, float | str] | None = None,
     seed: int = 0,
@@ -75,6 +81,10 @@ def replay(
         building: The map.
         start: Where the walk begins, or (x_m, y_m) or (x_m, y_m, level).
         heading_rad: Heading of travel there, counter-clockwise from +x; used where `start` has none.
+        radio_map: The radio survey: a `RadioMap`; or a table of scans by access points, as pandas has it, with columns
+            `x_m`, `y_m` and `level`, or a CSV of that; or a pair of places (S, 2) or (S, 3) and RSSI (S, A). What was
+            not received is NaN or 100. "wifi" may then be such a table, without places, or an array (n, A): a scan for
+            each row, far apart in time where there is no `t_s`, and an answer for each. The start is then unknown.
         mounting: Where the device is carried: "hand", "pocket", "foot", "".
         subject: Facts on the person, such as `height_m`.
         seed: Of the localizer's random generator.
@@ -84,15 +94,21 @@ def replay(
         PdrbenchError: An unknown name, or a localizer that does not load.
     """
     recording = arrays if isinstance(arrays, Recording) else None
-    tables = {} if recording else {name: _table(name, values) for name, values in arrays.items()}  # type: ignore[union-attr]
+    tables = {} if recording else dict(arrays)  # type: ignore[arg-type]
+    survey = None if radio_map is None else survey_of(radio_map)
+    period_s = PERIOD_S
+    if survey is not None and _is_wide(tables.get("wifi"), radio_map):
+        tables["wifi"], pause_s = wifi_rows(tables["wifi"])
+        period_s = pause_s if pause_s and len(tables) == 1 else PERIOD_S
+    tables = {name: _table(name, values) for name, values in tables.items()}
     guard({name: tables[name] for name in GUARDED if name in tables}, whose="replay")
     begin_s = min((float(table[0, 0]) for table in tables.values() if len(table)), default=0.0)
     if recording is None:
         streams = {name: _stream(name, table, begin_s) for name, table in tables.items()}
         nowhere = Trajectory(np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0, np.bool_))
         recording = Recording(WALK, building, streams, nowhere, subject or {}, mounting=mounting)
-    given = _start(start, heading_rad, is_known=recording.building is None or start is not None)
-    task, recording = _task(recording, given)
+    given = _start(start, heading_rad, is_known=start is not None or (recording.building is None and survey is None))
+    task, recording = _task(recording, given, survey, period_s)
     player = make_localizer(localizer) if isinstance(localizer, str) else localizer
     name = localizer if isinstance(localizer, str) else type(localizer).__name__
     result = play(player, Episode(recording, task), np.random.default_rng(seed), name=name, seed=seed)
@@ -110,6 +126,13 @@ def replay(
 
 def _places(found: Estimates, begin_s: float) -> FloatArray:
     return np.column_stack([found.t_s + begin_s, found.xy_m, found.level])
+
+
+def _is_wide(wifi: Any, radio_map: Any) -> bool:
+    """True for scans by access points, as a table, its file, or an array beside a survey of arrays."""
+    if isinstance(wifi, np.ndarray):
+        return isinstance(radio_map, tuple) and wifi.ndim == 2
+    return isinstance(wifi, str | Path) or (hasattr(wifi, "columns") and "access_point" not in wifi.columns)
 
 
 def _table(name: str, values: Any) -> FloatArray:
@@ -147,13 +170,15 @@ def _start(start: Start | Sequence[float] | None, heading_rad: float | None, *, 
     return replace(start, heading_rad=heading_rad) if start.heading_rad is None else start
 
 
-def _task(recording: Recording, start: Start | None) -> tuple[Task, Recording]:
+def _task(
+    recording: Recording, start: Start | None, survey: RadioMap | None, period_s: float
+) -> tuple[Task, Recording]:
     """A task of one walk, and the walk with the streams that are computed."""
     derive = entries(EXCHANGES_GROUP).get("derived")
     if derive is not None:
         recording = replace(recording, streams=derive.load()(recording, start))
     most = {
-        name: int(np.unique(np.ceil(one.t_s / PERIOD_S - 1e-6), return_counts=True)[1].max(initial=1))
+        name: int(np.unique(np.ceil(one.t_s / period_s - 1e-6), return_counts=True)[1].max(initial=1))
         for name, one in recording.streams.items()
     }
     task = Task(
@@ -162,11 +187,12 @@ def _task(recording: Recording, start: Start | None) -> tuple[Task, Recording]:
         description="",
         sensors=tuple(stream.spec for stream in recording.streams.values()),
         capacity={name: 1 << math.ceil(math.log2(count + 1)) for name, count in most.items()},
-        period_s=PERIOD_S,
+        period_s=period_s,
         start="unknown" if start is None else "pose",
         walks={"test": (recording.id,)},
         load=lambda walk: recording,
         tell_start=lambda walk: start,  # type: ignore[arg-type, return-value]
+        radio_map=lambda walk: survey,
         licence="not stated",
         source="arrays",
     )

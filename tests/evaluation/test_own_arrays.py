@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -80,6 +82,48 @@ def test_why_a_localizer_declines_or_fails_is_said(office: pdrbench.Building) ->
     seen = Seen()
     seen.step = lambda observation: 1 / 0  # type: ignore[method-assign, assignment, return-value]
     assert "ZeroDivisionError" in pdrbench.replay(ARRAYS, seen).failure
+
+
+PLACES_M = np.array([[x_m, y_m] for x_m in range(0, 40, 4) for y_m in (0.0, 8.0, 16.0)])
+SENDERS_M = np.array([[0.0, 0.0], [39.0, 0.0], [0.0, 16.0], [39.0, 16.0]])
+ASKED_M = np.array([[4.0, 16.0], [36.0, 0.0], [20.0, 16.0], [12.0, 0.0], [24.0, 8.0]])
+
+
+def received_dbm(xy_m: np.ndarray) -> np.ndarray:
+    """(n, 4) by path loss; 100 where it is too weak."""
+    dbm = -40 - 25 * np.log10(np.hypot(*(xy_m[:, None] - SENDERS_M).transpose(2, 0, 1)) + 1)
+    return np.where(dbm < -76, 100, dbm)
+
+
+@pytest.mark.parametrize("localizer", ["wifi_knn?neighbours=1", "wlan_frank2009?unknown=penalise"])
+def test_scans_are_placed_in_a_radio_map_of_ones_own(localizer: str, tmp_path: Path) -> None:
+    """Each scan of a surveyed place is found there, whatever the table comes as; a column is known by its name."""
+    survey = pd.DataFrame(received_dbm(PLACES_M), columns=list("abcd")).assign(
+        x_m=PLACES_M[:, 0], y_m=PLACES_M[:, 1], level=2
+    )
+    scans = pd.DataFrame(received_dbm(ASKED_M), columns=list("abcd"))
+    survey.to_csv(tmp_path / "survey.csv", index=False)
+    survey_of_arrays = np.c_[PLACES_M, np.full(len(PLACES_M), 2)], received_dbm(PLACES_M)
+    for radio_map, wifi in (
+        (survey, scans.replace(100, np.nan)[list("dbca")]),
+        (tmp_path / "survey.csv", scans),
+        (survey_of_arrays, received_dbm(ASKED_M)),
+        (survey, scans.assign(t_s=2.0 * np.arange(len(scans)))),
+    ):
+        found = pdrbench.replay({"wifi": wifi}, localizer, radio_map=radio_map)
+        assert (found.declined, found.failure) == ("", "")
+        rows = found.trajectory if len(found.trajectory) == len(scans) else found.trajectory[::10]
+        np.testing.assert_allclose(rows[:, 1:], np.c_[ASKED_M, np.full(len(scans), 2)], atol=1e-6)
+
+
+def test_tables_that_are_no_fingerprints_are_refused() -> None:
+    table = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "a": [-50.0], "FLOOR": [3.0]})
+    with pytest.raises(RecordingError, match="'FLOOR' is no RSSI in dBm"):
+        pdrbench.replay({"wifi": table[["a"]]}, "wifi_knn", radio_map=table)
+    with pytest.raises(RecordingError, match="no column 'x_m'"):
+        pdrbench.replay({"wifi": table[["a"]]}, "wifi_knn", radio_map=table[["a"]])
+    with pytest.raises(RecordingError, match="places are"):
+        pdrbench.replay({"wifi": np.zeros((1, 2))}, "wifi_knn", radio_map=(np.zeros((2, 2)), np.zeros((3, 2))))
 
 
 @pytest.mark.parametrize(
