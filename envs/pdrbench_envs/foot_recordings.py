@@ -1,7 +1,7 @@
 """Recorded walks with a unit on the foot and no map: `FootVicon-v1`, `FootWalks-v1`.
 
-Each is a registered dataset, played whole as test walks: everything is reported on and nothing is tuned on. Where the
-folder found holds other walks of the same kind, the environment is made of those and says so in `Task.note`.
+Each is made of two registered datasets, parts of one published set, played whole as test walks. Where the folders found
+hold other walks of the same kind, or one of the two is missing, the environment says so in `Task.note`.
 """
 
 from __future__ import annotations
@@ -51,13 +51,14 @@ class FootSet:
     """What one of these environments is made of."""
 
     env: str  # id of the environment
-    dataset: str  # name of the registered dataset
-    pattern: str  # which files of it are walks
+    datasets: tuple[str, ...]  # names of the registered datasets
+    pattern: str  # which files of them are walks
     read: Callable[[Path], Log]  # reader of one walk
     reference: Callable[[Log], Trajectory]  # reference of the recording, from the log; its first row is the start
     device: str  # model of the unit
     sensors: tuple[str, ...]
     rate_hz: float
+    noise_m: float  # error of the reference
     summary: str
     description: str
 
@@ -67,10 +68,10 @@ class FootSet:
         return tuple(dataclasses.replace(sensor_spec(name), rate_hz=self.rate_hz) for name in self.sensors)
 
     @property
-    def registered(self) -> dict[str, str]:
-        """sha256 of every registered walk by its path in the folder of the set."""
-        rows = dataset(self.dataset).files
-        return {row.path: row.sha256 for row in rows if PurePosixPath(row.path).match(self.pattern)}
+    def registered(self) -> dict[tuple[str, str], str]:
+        """sha256 of every registered walk by the name of its set and its path in the folder of that."""
+        rows = ((name, row) for name in self.datasets for row in dataset(name).files)
+        return {(name, row.path): row.sha256 for name, row in rows if PurePosixPath(row.path).match(self.pattern)}
 
 
 def motion_capture(log: Log) -> Trajectory:
@@ -105,19 +106,20 @@ def on_the_ground(t_s: FloatArray, xy_m: FloatArray, surveyed: BoolArray, z_m: F
 
 VICON: Final = FootSet(
     env="FootVicon-v1",
-    dataset="foot_vicon",
+    datasets=("foot_vicon", "foot_vicon_2"),
     pattern="*.mat",
     read=foot_vicon.read,
     reference=motion_capture,
     device="LORD MicroStrain 3DM-GX3-25",
     sensors=("accel", "gyro"),
     rate_hz=200.0,
+    noise_m=0.01,  # motion capture in a room, read between its samples
     summary="A unit on the foot under motion capture, walking and running in a room; start pose known",
     description="""\
-One person walks at 0.3 to 1.4 m/s (in the whole set also runs, climbs and crawls) for 17 to 56 s within a room of some
-three by three metres, a unit on the foot, watched by motion capture (Wagstaff, Peretroukhin, Kelly 2019). The reference
-is the foot at every 0.05 s, with its height; where the motion capture lost the foot, in 1 to 6 % of the rows of a third
-of the trials, nothing is scored.
+One person walks, runs, lifts the feet high and crawls for 17 to 87 s within a room of some three by three metres, a
+unit on the foot, watched by motion capture (Wagstaff, Peretroukhin, Kelly 2019): 42 trials of four days, one unit of
+replication, so that what is found holds for this person; a ranking counts trials. The reference is the foot at every
+0.05 s, with its height; where the motion capture lost the foot nothing is scored.
 
 **What is hard**: fast walks, in which the foot rests for an instant, a gyroscope that is driven to its stop at
 9.2 rad/s, and walks that turn all the time. Some trials begin while the foot already moves.
@@ -127,18 +129,20 @@ of the trials, nothing is scored.
 )
 WALKS: Final = FootSet(
     env="FootWalks-v1",
-    dataset="foot_stride_gcp",
+    datasets=("foot_stride_gcp", "foot_stride_gcp_2"),
     pattern="*_LLIO.mat",
     read=foot_stride_gcp.read,
     reference=rests,
     device="LORD MicroStrain 3DM-GX5-25",
     sensors=("accel", "gyro"),
     rate_hz=200.0,
-    summary="A unit on the foot, walks and runs of 40 to 80 m with a surveyed place at every stride; start pose known",
+    noise_m=0.02,  # by which places and inertial navigation agree over a stride
+    summary="A unit on the foot, walks and runs of 40 to 116 m with a surveyed place at every stride; start pose known",
     description="""\
-Walks and runs of 40 to 80 m, there and back, with a place on the ground for every stride (Cetin, Koroglu 2025). The
-reference is where the foot stands at the end of each stance. How it was surveyed is not stated; it agrees with inertial
-navigation to one or two centimetres a stride.
+Nine walks and runs of 40 to 116 m, most of them there and back, with a place on the ground for every stride (Cetin,
+Koroglu 2025). Who walked is not said, so that they count as one person, one unit of replication; a ranking counts
+walks. The reference is where the foot stands at the end of each stance. How it was surveyed is not stated; it agrees
+with inertial navigation to one or two centimetres a stride.
 
 **What is hard**: runs, in which the foot rests for a tenth of a second or less and never as still as in walking, while
 the gyroscope reaches its stop at 8.8 rad/s.
@@ -151,7 +155,8 @@ the gyroscope reaches its stop at 8.8 rad/s.
 def make_task(kind: FootSet) -> Task:
     found = found_walks(kind)
     walks = walk_ids(found)
-    registered = dataset(kind.dataset)
+    registered = dataset(kind.datasets[0])
+    sources = dict.fromkeys(f"{of.source_url} commit {of.commit}" for of in map(dataset, kind.datasets))
     return Task(
         id=kind.env,
         summary=kind.summary,
@@ -161,46 +166,42 @@ def make_task(kind: FootSet) -> Task:
         period_s=PERIOD_S,
         start="pose",
         walks={"test": tuple(walks)},
-        load=functools.partial(_load, kind, {walk: (path, found[path]) for walk, path in walks.items()}),
+        load=lambda walk: _load(kind, walk, walks[walk], found[walks[walk]]),
         tell_start=tell_start,
         licence=registered.licence,
-        source=f"{registered.source_url} commit {registered.commit}",
-        files_sha256=lambda walk: _other_sha256(kind.registered, walks[walk], found[walks[walk]]),
+        source=", ".join(sources),
+        files_sha256=lambda walk: "" if kind.registered.get(walks[walk]) == found[walks[walk]] else found[walks[walk]],
         units=dict.fromkeys(walks, "1"),  # Vicon: one person; the others do not say who walked, so they count as one
         unit_kind="person",
-        dataset=kind.dataset,
-        note="" if found == kind.registered else _NOTE.format(kind.dataset),
+        noise_m=kind.noise_m,
+        dataset=kind.datasets[0],
+        note="" if found == kind.registered else _NOTE.format(" and ".join(kind.datasets)),
     )
 
 
-def found_walks(kind: FootSet) -> Mapping[str, str]:
-    """sha256 by path of the walks that this machine has, or of the registered ones where it has none.
+def found_walks(kind: FootSet) -> Mapping[tuple[str, str], str]:
+    """sha256 by set and path of the walks that this machine has, or of the registered ones where it has none.
 
     A registered name stands for the registered hash, which is checked when the walk is loaded.
     """
-    registered = kind.registered
-    if not is_available(kind.dataset):
-        return registered
-    folder = find(kind.dataset)
-    paths = [path for path in folder.rglob("*") if path.match(kind.pattern) and path.is_file()]
-    names = {path.relative_to(folder).as_posix(): path for path in paths}
-    return {name: registered.get(name) or file_sha256(path) for name, path in names.items()} or registered
+    registered, found = kind.registered, {}
+    for of in filter(is_available, kind.datasets):
+        folder = find(of)
+        for path in folder.rglob("*"):
+            if path.match(kind.pattern) and path.is_file():
+                name = of, path.relative_to(folder).as_posix()
+                found[name] = registered.get(name) or file_sha256(path)
+    return found or registered
 
 
-def _other_sha256(registered: Mapping[str, str], path: str, sha256: str) -> str:
-    """Digest of a file; empty where it is the registered one."""
-    return "" if registered.get(path) == sha256 else sha256
+def walk_ids(found: Mapping[tuple[str, str], str]) -> dict[str, tuple[str, str]]:
+    """Set and path by walk id, in the order of play, which is that of their opaque ids."""
+    opaque = {name: opaque_id(name[1], _ID_KEY) for name in found}
+    return {f"test-{opaque[name]}": name for name in sorted(found, key=lambda name: opaque[name])}
 
 
-def walk_ids(found: Mapping[str, str]) -> dict[str, str]:
-    """Path by walk id, in the order of play, which is that of their opaque ids."""
-    opaque = {path: opaque_id(path, _ID_KEY) for path in found}
-    return {f"test-{opaque[path]}": path for path in sorted(found, key=lambda path: opaque[path])}
-
-
-def _load(kind: FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Recording:
-    path, sha256 = files[walk]
-    log = _log(kind, find(kind.dataset) / path, sha256)
+def _load(kind: FootSet, walk: str, name: tuple[str, str], sha256: str) -> Recording:
+    log = _log(kind, name, find(name[0]) / name[1], sha256)
     rates = {spec.name: spec for spec in kind.specs}
     return dataclasses.replace(log, device=kind.device).recording(
         walk, None, lambda name: rates[name], reference=kind.reference(log), mounting="foot"
@@ -208,9 +209,9 @@ def _load(kind: FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Rec
 
 
 @functools.lru_cache(maxsize=64)
-def _log(kind: FootSet, place: Path, sha256: str) -> Log:
+def _log(kind: FootSet, name: tuple[str, str], place: Path, sha256: str) -> Log:
     """Reads a walk once it is known to be the one that is meant."""
-    return kind.read(checked_file(place, sha256, kind.dataset, "give another walk another name"))
+    return kind.read(checked_file(place, sha256, name[0], "give another walk another name"))
 
 
 def tell_start(recording: Recording) -> Start:

