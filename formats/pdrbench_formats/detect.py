@@ -12,6 +12,7 @@ from pdrbench.building import Building
 from pdrbench.errors import MapError, RecordingError, not_loaded
 from pdrbench.io import READERS
 from pdrbench.io.reader import Head, head_of
+from pdrbench_formats.maps.assembly.shapes import geos_error
 
 if TYPE_CHECKING:
     from pdrbench_formats.maps.plan import Plan
@@ -50,7 +51,10 @@ def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
             options.pop("strict", None)
         for option in options.keys() - set(reader.options):
             raise RecordingError(f"{path}: the format {kind} has no option {option!r}; leave it out")
-        return reader.read(place, **options)
+        try:
+            return reader.read(place, **options)
+        except geos_error() as error:
+            raise MapError(f"{path}: its outlines cannot be laid over one another ({error}); redraw them") from error
 
 
 def _recognise(path: Path, head: Head) -> str:

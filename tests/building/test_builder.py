@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from shapely import affinity, box
 
 from pdrbench.building import Building
@@ -201,3 +203,46 @@ def test_lifts_above_one_another_are_one_shaft() -> None:
 def test_what_is_no_drawing_is_refused(call: object, why: str) -> None:
     with pytest.raises(PdrbenchError, match=why):
         call(BuildingBuilder().add_level(0))  # type: ignore[operator]
+
+
+def test_a_stair_with_a_slit_of_two_nanometres_has_two_flights() -> None:
+    """As drawn for a station: a U whose flights touch along their whole length."""
+    slit = shapely.Polygon([(0, 0), (6, 0), (6, 3), (0, 3), (0, 1.5 + 1e-9), (4.5, 1.5 + 1e-9), (4.5, 1.5), (0, 1.5)])
+    builder = BuildingBuilder()
+    for level in (0, 1):
+        builder.add_level(level, height_m=3.2 * level).add_walkable(box(-4, 0, 0, 3), walled=False)
+    building = builder.connect("stairs", levels=(0, 1), polygon=slit).build()
+    assert is_connected(building)
+    assert sum(polygon.kind == "stairs" for polygon in building.polygons) > 12
+
+
+_METRES = st.integers(-60, 60).map(lambda cm: cm / 10)
+_RING = st.lists(st.tuples(_METRES, _METRES), min_size=3, max_size=9)
+
+
+@given(
+    outlines=st.lists(_RING, min_size=1, max_size=4),
+    stair=_RING,
+    door=st.tuples(_METRES, _METRES),
+    off=st.floats(0, 1e-7),
+)
+@settings(max_examples=12, deadline=None, derandomize=True)
+def test_whatever_is_drawn_becomes_valid_polygons_or_an_error_that_says_so(
+    outlines: list[list[tuple[float, float]]], stair: list[tuple[float, float]], door: tuple[float, float], off: float
+) -> None:
+    builder = BuildingBuilder()
+    try:
+        for level in (0, 1):
+            builder.add_level(level, height_m=3.0 * level)
+            builder.add_walkable(box(-4, -4, 4, 4), walled=bool(level))
+            for outline in outlines:
+                builder.add_walkable(np.array(outline) + level * off).add_wall(shapely.LineString(outline))
+            builder.add_door([door, (door[0] + 1.0, door[1] + off)])
+        for kind in ("stairs", "lift"):
+            builder.connect(kind, levels=(0, 1), polygon=np.array(stair) + (6.0 if kind == "lift" else 0.0))  # type: ignore[arg-type]
+        building = builder.build()
+    except MapError as error:
+        assert "outline" in str(error) or "nothing to walk on" in str(error)
+        return
+    for polygon in building.polygons:
+        assert shapely.Polygon(polygon.outline_xy_m, polygon.holes).is_valid

@@ -215,6 +215,48 @@ def dxf(folder: Path, layers: tuple[str, str] = ("A-WALL", "A-DOOR"), *, in_bloc
     return folder / "house.dxf"
 
 
+def dxf_in(folder: Path, per_m: float, insunits: int, *, columns: int = 0, door: bool = True) -> Path:
+    """A floor of 12 by 8 m with a door of 0.9 m between two rooms, in any unit and under any header."""
+    ezdxf = pytest.importorskip("ezdxf")
+    drawing = ezdxf.new()
+    drawing.header["$INSUNITS"] = insunits
+    space = drawing.modelspace()
+    walls = [[(0, 0), (12, 0), (12, 8), (0, 8), (0, 0)], [(6, 0), (6, 3.5)], [(6, 4.4), (6, 8)]]
+    for layer, line in [*(("A-WALL", wall) for wall in walls), *[("A-DOOR", [(6, 3.5), (6, 4.4)])] * door]:
+        space.add_lwpolyline([(x * per_m, y * per_m) for x, y in line], dxfattribs={"layer": layer})
+    for x in np.append(np.arange(1.0, 5.0, 1.5), np.arange(7.5, 11.0, 1.5))[:columns]:
+        space.add_circle((x * per_m, 2.0 * per_m), 0.3 * per_m, dxfattribs={"layer": "A-WALL"})
+    drawing.saveas(folder / "plan.dxf")
+    return folder / "plan.dxf"
+
+
+@pytest.mark.parametrize("insunits", [0, 1, 4, 5, 6])
+@pytest.mark.parametrize(("per_m", "own"), [(1000.0, 4), (100.0, 5), (1.0, 6), (1 / 0.0254, 1), (1 / 0.3048, 2)])
+def test_a_door_says_in_which_unit_a_drawing_is(tmp_path: Path, per_m: float, own: int, insunits: int) -> None:
+    plan = read_plan(dxf_in(tmp_path, per_m, insunits))
+    x0, y0, x1, y1 = plan.building.bounds_m()
+    assert (x1 - x0, y1 - y0) == pytest.approx((12.0, 8.0), rel=0.02)
+    notes = [repair.kind for repair in plan.repairs if repair.kind.startswith("units")]
+    assert notes == ["units assumed" if insunits == 0 else "units doubtful"] * (insunits != own)
+    if "units doubtful" in notes:
+        assert 'unit = "mm"' in next(repair.what for repair in plan.repairs if repair.kind == "units doubtful")
+
+
+def test_a_plan_toml_states_the_unit(tmp_path: Path) -> None:
+    dxf_in(tmp_path, 1000.0, 1, door=False)
+    (tmp_path / "plan.toml").write_text('unit = "mm"\n[[level]]\ndrawing = "plan.dxf"\n')
+    plan = read_plan(tmp_path / "plan.toml")
+    assert plan.building.bounds_m()[2] == pytest.approx(12.0, rel=0.02)
+    assert {repair.kind for repair in plan.repairs} == {"door found"}
+
+
+def test_round_columns_have_few_vertices(tmp_path: Path) -> None:
+    building = read_plan(dxf_in(tmp_path, 100.0, 5, columns=6)).building
+    holes = [len(hole) for polygon in building.polygons for hole in polygon.holes]
+    assert len(holes) == 6 and max(holes) <= 64
+    assert building.area_m2 == pytest.approx(93.3 - 6 * 0.09 * np.pi, abs=0.3)
+
+
 MADE = {
     "imdf": (imdf, (0, 1)),
     "osm_indoor": (osm, (0, 1)),

@@ -216,6 +216,7 @@ class BuildingBuilder:
             joined.add(clean(cells, number, repairs), height_m[number])
         for k, layout in layouts.items():
             add_flights(joined, k, shafts[k], layout, height_m, repairs)
+        joined.leave_out_unsound(repairs)
         if not joined.polygons:
             raise MapError(f"building {self._name!r}: nothing to walk on; add_walkable() the floor of each level")
         zones = [zone for zone in self._zones if zone.level in self._levels]

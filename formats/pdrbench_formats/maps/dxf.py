@@ -9,6 +9,9 @@ Drawings of several levels share an origin, and a `plan.toml` beside them says w
     drawing = "ground.dxf"
     level = 0
     height_m = 0.0
+
+The unit is that of $INSUNITS where what is drawn can be so large: doors, or treads, or else the whole plan. A file
+`plan.toml` with `unit = "mm"` above the levels settles it.
 """
 
 from __future__ import annotations
@@ -16,9 +19,9 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -46,13 +49,19 @@ LAYERS: Final = {
         re.IGNORECASE,
     ),
 }
-UNITS_M: Final = {1: 0.0254, 2: 0.3048, 4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0, 10: 0.9144, 14: 0.1}
+UNITS_M: Final = {1: 0.0254, 2: 0.3048, 4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0, 10: 0.9144, 14: 0.1}  # by $INSUNITS
+UNITS: Final = {"m": 1.0, "mm": 0.001, "cm": 0.01, "ft": 0.3048, "in": 0.0254}  # likely ones, the likeliest first
 LIKELY_M: Final = (8.0, 600.0)  # the longer side of a building
-GUESSES: Final = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048, "inches": 0.0254}
+POSSIBLE_M: Final = (2.0, 1800.0)
+DOOR_M: Final = (0.6, 1.5)  # widths of doors, DIN 18100 and of double leaves
+DOUBLE_DOOR_M: Final = 3.0
+TREAD_M: Final = (0.22, 0.36)  # depth of treads, DIN 18065
+MIN_TREADS: Final = 4  # parallel lines that are a flight
+MIN_LIKELIER: Final = 1.25  # a unit is chosen over another that fits as well by so much
 CLOSE_M: Final = 1.3  # half of a gap in the outer walls that is closed to find the floor
 DAMAGED: Final = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError)  # of ezdxf, on bad files
 MAX_BLOCKS: Final = 8  # within one another
-ARC_M: Final = 0.01  # sagitta of the chords of an arc
+ARC: Final = 0.005  # sagitta of the chords of an arc, of its size: 32 chords a circle
 
 
 def read(path: Path | str, *, strict: bool = False) -> Plan:
@@ -68,7 +77,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     drawn = []
     for entry in plan.level:
         builder.add_level(entry.level, height_m=entry.height_m if len(plan.level) > 1 else 0.0)
-        drawn.append(_in_metres(beside(path, entry.drawing), builder, entry.level, skipped))
+        drawn.append(_in_metres(beside(path, entry.drawing), plan.unit, builder, entry.level, skipped))
     low = np.min([shape.bounds[:2] for level in drawn for part in level.values() for shape in part], axis=0)
     outlines: list[Outline] = []
     for entry, shapes in zip(plan.level, drawn, strict=True):
@@ -90,6 +99,7 @@ class _Entry(msgspec.Struct, forbid_unknown_fields=True):
 class _Plan(msgspec.Struct, forbid_unknown_fields=True):
     level: list[_Entry]
     name: str = ""
+    unit: Literal["m", "mm", "cm", "ft", "in", ""] = ""
 
 
 def _plan(path: Path) -> _Plan:
@@ -106,7 +116,9 @@ def _plan(path: Path) -> _Plan:
     return found
 
 
-def _in_metres(path: Path, builder: BuildingBuilder, level: int, skipped: Counter[str]) -> dict[str, list[Any]]:
+def _in_metres(
+    path: Path, unit: str, builder: BuildingBuilder, level: int, skipped: Counter[str]
+) -> dict[str, list[Any]]:
     """Geometry of a drawing by what its layer holds."""
     import shapely
 
@@ -121,7 +133,7 @@ def _in_metres(path: Path, builder: BuildingBuilder, level: int, skipped: Counte
             f"{path}: no layer is named like walls or rooms (layers with drawings: {', '.join(names[:20]) or 'none'}); "
             f"rename the layers, for instance A-WALL, A-DOOR, A-ROOM"
         )
-    scale = _scale(document, [shape for part in shapes.values() for shape in part], builder, level)
+    scale = UNITS[unit] if unit else _scale(document, shapes, builder, level)
     return {name: [shapely.transform(shape, lambda xy: xy * scale) for shape in part] for name, part in shapes.items()}
 
 
@@ -241,26 +253,96 @@ def _doors(doors: list[Any], walls: list[Any]) -> list[Any]:
 
 
 def _sagitta(line: Any) -> float:
-    """Hundredth of the size of an entity: units are not known yet."""
-    start, end = line.start, line.end
-    return max(float((end - start).magnitude), 1e-6) * ARC_M
+    """A fraction of the size of an entity, which of a closed one is not the way from its start to its end."""
+    points = np.array([(vertex.x, vertex.y) for vertex in line.control_vertices()])
+    return max(float(np.ptp(points, axis=0).max()), 1e-6) * ARC if len(points) else 1e-6
 
 
-def _scale(document: Any, shapes: list[Any], builder: BuildingBuilder, level: int) -> float:
-    """Metres for one unit of the drawing."""
-    bounds = np.array([shape.bounds for shape in shapes])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    size = float((high - low).max())
-    unit = int(document.header.get("$INSUNITS", 0))
-    if unit in UNITS_M:
-        size_m = size * UNITS_M[unit]
-        if not LIKELY_M[0] / 4 < size_m < 3 * LIKELY_M[1]:
-            builder.note("units doubtful", f"by its $INSUNITS = {unit} the drawing measures {size_m:.3g} m", level)
-        return UNITS_M[unit]
-    likely = [name for name, scale in GUESSES.items() if LIKELY_M[0] <= size * scale <= LIKELY_M[1]]
-    name = likely[0] if likely else "metres"
-    builder.note("units assumed", f"the drawing names no unit: {size:.4g} units across, taken for {name}", level)
-    return GUESSES[name]
+def _scale(document: Any, shapes: Mapping[str, list[Any]], builder: BuildingBuilder, level: int) -> float:
+    """Metres for one unit of the drawing: that of its header, unless what is drawn fits another one only."""
+    bounds = np.array([shape.bounds for part in shapes.values() for shape in part])
+    size = float((bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max())
+    parts = [(name, length) for name, find in (("door", _door), ("tread", _tread)) if (length := find(shapes))]
+
+    def seen(scale: float) -> str:
+        of_parts = "".join(f", a {name} {length * scale:.3g} m" for name, length in parts)
+        return f"{size * scale:.3g} m across{of_parts}"
+
+    scales = {name: scale for name, scale in UNITS.items() if _misfit(size * scale, parts, scale) < np.inf}
+    likely = min(scales, key=lambda name: _misfit(size * scales[name], parts, scales[name]), default="m")
+    stated = UNITS_M.get(int(document.header.get("$INSUNITS", 0)))
+    if stated is None:
+        what = f"the drawing names no unit: {size:.4g} units across, taken for {likely}: {seen(UNITS[likely])}"
+        builder.note("units assumed", what, level)
+        return UNITS[likely]
+    is_possible = POSSIBLE_M[0] < size * stated < POSSIBLE_M[1]
+    if UNITS[likely] == stated or (is_possible and not parts):
+        return stated
+    if not scales:
+        builder.note("units doubtful", f"by its $INSUNITS the drawing is {seen(stated)}; {_SETTLE}", level)
+        return stated
+    ours, theirs = (_misfit(size * scale, parts, scale) for scale in (UNITS[likely], stated))
+    if theirs < ours + np.log(MIN_LIKELIER):
+        return stated
+    doors_m = [length * stated for name, length in parts if name == "door"]
+    chosen = stated if theirs < np.inf and doors_m and DOOR_M[0] <= doors_m[0] <= DOOR_M[1] else UNITS[likely]
+    builder.note(
+        "units doubtful",
+        f"by its $INSUNITS the drawing is {seen(stated)}; in {likely} it would be {seen(UNITS[likely])}, "
+        f"{'and the first is taken' if chosen == stated else 'which is taken'}; {_SETTLE}",
+        level,
+    )
+    return chosen
+
+
+_SETTLE: Final = 'a plan.toml with unit = "mm", or whichever is right, settles it'
+
+
+def _misfit(size_m: float, parts: Sequence[tuple[str, float]], scale: float) -> float:
+    """How far sizes are from usual ones, as a logarithm; infinite where one of them cannot be."""
+    if not POSSIBLE_M[0] < size_m < POSSIBLE_M[1]:
+        return float(np.inf)
+    off = 0.0 if LIKELY_M[0] <= size_m <= LIKELY_M[1] else float(np.log(2.0))
+    for name, length in parts:
+        low, high = DOOR_M if name == "door" else TREAD_M
+        width_m = length * scale
+        if not low * 0.8 <= width_m <= (DOUBLE_DOOR_M if name == "door" else high * 1.2):
+            return float(np.inf)
+        off += abs(float(np.log(width_m / (low * high) ** 0.5)))
+    return off
+
+
+def _door(shapes: Mapping[str, list[Any]]) -> float:
+    """Median width of what is on layers of doors, in units of the drawing; 0 where there is none."""
+    import shapely
+
+    widths = []
+    for shape in shapes["door"]:
+        line = shapely.get_parts(shape)[0] if shape.geom_type == "MultiLineString" else shape
+        corners = shapely.get_coordinates(shapely.oriented_envelope(line))
+        widths.append(float(np.hypot(*np.diff(corners[:3], axis=0).T).max()) if len(corners) > 1 else 0.0)
+    widths = [width for width in widths if width > 0.0]
+    return float(np.median(widths)) if widths else 0.0
+
+
+def _tread(shapes: Mapping[str, list[Any]]) -> float:
+    """Median distance of lines on layers of stairs from the nearest parallel one; 0 where there are few."""
+    lines = [np.array(shape.coords)[[0, -1]] for shape in shapes["stairs"] if shape.geom_type == "LineString"]
+    if len(lines) < MIN_TREADS:
+        return 0.0
+    ends = np.array(lines)
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(*along.T)
+    unit = along / np.maximum(length, 1e-9)[:, None]
+    middle = ends.mean(axis=1)
+    off = middle[:, None] - middle[None]
+    across = np.abs(off[..., 0] * unit[:, None, 1] - off[..., 1] * unit[:, None, 0])
+    beside = np.abs((off * unit[:, None]).sum(axis=2)) < 0.5 * length[:, None]
+    parallel = np.abs(unit @ unit.T) > 0.99
+    across[~(beside & parallel) | (across < 1e-6 * length.max())] = np.inf
+    nearest = across.min(axis=1)
+    nearest = nearest[np.isfinite(nearest)]
+    return float(np.median(nearest)) if len(nearest) >= MIN_TREADS else 0.0
 
 
 def _outline(walls: list[Any]) -> Any:

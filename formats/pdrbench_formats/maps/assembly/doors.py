@@ -12,7 +12,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.assembly.drawing import Cell, DrawnLevel, RepairLog
-from pdrbench_formats.maps.assembly.shapes import large_parts
+from pdrbench_formats.maps.assembly.shapes import common, large_parts, without
 
 MIN_DOOR_M: Final = 0.3  # a narrower opening is no door
 DOOR_REACHES_M: Final = (0.05, 0.12, 0.25, 0.45, 0.7)  # from the line of a door to the floor on both sides
@@ -43,7 +43,7 @@ def doors_of(level: DrawnLevel, cells: Sequence[Cell], walls: Any, repairs: Repa
     for i, door in enumerate(doors):  # leaves of a double door may overlap
         for other in doors[:i]:
             if shapely.intersects(door.shape, other.shape):
-                door.shape = shapely.difference(door.shape, other.shape)
+                door.shape = without(door.shape, other.shape)
     kept = []
     for door in doors:
         parts = large_parts(door.shape, 1e-3)
@@ -68,7 +68,7 @@ def door_gaps(shape: Any) -> list[Any]:
     for i, j in shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=MAX_FOUND_NECK_M).T:
         if i >= j:
             continue
-        meeting = large_parts(shapely.intersection(rooms[i], rooms[j]), 1e-6)
+        meeting = large_parts(common(rooms[i], rooms[j]), 1e-6)
         for part in meeting or [shapely.shortest_line(rooms[i], rooms[j])]:
             line = _across(part.centroid, cores[i], cores[j], shape)
             if line is not None:
@@ -100,7 +100,7 @@ def _door_in_polygon(shape: Any, cells: Sequence[Cell], tree: Any, walls: Any) -
     """The part of a door's polygon that is no wall, or all of it where that touches less floor; None without floor."""
     import shapely
 
-    free = shapely.difference(shape, walls)
+    free = without(shape, walls)
     parts = large_parts(free, 0.02)
     if parts and sum(part.area for part in parts) > 0.5 * shape.area:
         return max(parts, key=shapely.area)

@@ -293,6 +293,9 @@ def flight_of(
         heights_m: Of both levels.
         below: Edge of the landing below that leads to the flight, in the direction of that landing's outline.
         above: The same of the landing above.
+
+    Returns:
+        Lowest first; none where the outline has a gap that they would have to cross.
     """
     risers = layout.num_risers[number]
     riser_m = (heights_m[1] - heights_m[0]) / risers
@@ -309,6 +312,8 @@ _Ring = tuple[FloatArray, int, int]
 
 def _straight(layout: StairLayout, risers: int, below: Edge, above: Edge) -> list[_Ring]:
     cuts = _cuts(layout, np.linspace(layout.near_m, layout.far_m, risers), None)
+    if not cuts:
+        return []
     cuts[0], cuts[-1] = _aligned(cuts[0], below), _aligned(cuts[-1], above)
     return [_quad(a, b) for a, b in itertools.pairwise(cuts)]
 
@@ -316,13 +321,14 @@ def _straight(layout: StairLayout, risers: int, below: Edge, above: Edge) -> lis
 def _half_turn(layout: StairLayout, risers: int, below: Edge, above: Edge) -> list[_Ring]:
     v_m = np.linspace(layout.near_m, layout.far_m, risers // 2)
     up, down = _cuts(layout, v_m, 0), _cuts(layout, v_m, 1)
+    _, _, _, high = layout.core.bounds
+    end = layout.chord(high - 0.02) or layout.chord((layout.far_m + high) / 2)
+    if not up or end is None:
+        return []
     up[0], down[0] = _aligned(up[0], below), _aligned(down[0], above)
     rings = [_quad(a, b) for a, b in itertools.pairwise(up)]
     left, middle = up[-1]
     right = down[-1][1]
-    _, _, _, high = layout.core.bounds
-    end = layout.chord(high - 0.02) or layout.chord((layout.far_m + high) / 2)
-    assert end is not None
     far = layout.frame.to_xy(np.array([[end[0], high - 0.02], [end[1], high - 0.02]]))
     half = np.array([left, middle, right, far[1], far[0]])
     rings.append((half, 0, 1) if _is_ccw(half) else (half[::-1].copy(), 3, 2))
@@ -331,11 +337,12 @@ def _half_turn(layout: StairLayout, risers: int, below: Edge, above: Edge) -> li
 
 
 def _cuts(layout: StairLayout, v_m: FloatArray, lane: int | None) -> list[Edge]:
-    """Lines between treads; of the lane with lower u (0), with higher u (1), or all across."""
+    """Lines between treads; of the lane with lower u (0), with higher u (1), or all across; [] over a gap."""
     cuts = []
     for v in v_m:
         chord = layout.chord(float(v))
-        assert chord is not None
+        if chord is None:
+            return []
         low, high = chord
         ends = {None: (low, high), 0: (low, (low + high) / 2), 1: ((low + high) / 2, high)}[lane]
         first, last = layout.frame.to_xy(np.array([[ends[0], v], [ends[1], v]]))

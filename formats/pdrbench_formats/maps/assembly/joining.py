@@ -10,7 +10,7 @@ from pdrbench.building.polygons import WALL, FloorPolygon
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, RepairLog
 from pdrbench_formats.maps.assembly.flights import Edge, StairLayout, flight_of
-from pdrbench_formats.maps.assembly.shapes import unique_id
+from pdrbench_formats.maps.assembly.shapes import is_sound, unique_id
 
 
 class JoinedPolygons:
@@ -77,9 +77,11 @@ class JoinedPolygons:
         heights_m: tuple[float, float],
         below: tuple[int, int, Edge],
         above: tuple[int, int, Edge],
-    ) -> None:
-        """Adds treads and joins them to one another and to both landings."""
+    ) -> bool:
+        """Adds treads and joins them to one another and to both landings; False where one is no polygon."""
         treads = flight_of(layout, number, heights_m, below[2], above[2])
+        if not treads or not all(is_sound([tread.ring_xy_m]) for tread in treads):
+            return False
         first = len(self.polygons)
         for k, tread in enumerate(treads):
             neighbours = [WALL] * len(tread.ring_xy_m)
@@ -90,6 +92,19 @@ class JoinedPolygons:
             self.polygons.append((id, [tread.ring_xy_m], neighbours, tread.height_m, level, "stairs"))
         self.polygons[below[0]][2][below[1]] = first
         self.polygons[above[0]][2][above[1]] = first + len(treads) - 1
+        return True
+
+    def leave_out_unsound(self, repairs: RepairLog) -> None:
+        """Leaves out what is no simple polygon in spite of all cleaning, with a repair; a wall is where it was."""
+        kept = [k for k, polygon in enumerate(self.polygons) if is_sound(polygon[1])]
+        if len(kept) == len(self.polygons):
+            return
+        number = {old: new for new, old in enumerate(kept)}
+        for id, rings, _, _, level, _ in (self.polygons[k] for k in range(len(self.polygons)) if k not in number):
+            repairs.add("left out", f"level {level}, {id!r}", "no simple polygon is left of it", rings[0][0], level)
+        self.polygons = [self.polygons[k] for k in kept]
+        for _, _, neighbours, *_ in self.polygons:
+            neighbours[:] = [number.get(other, WALL) for other in neighbours]
 
     def floor_polygons(self) -> tuple[FloorPolygon, ...]:
         """All of them."""
@@ -120,7 +135,10 @@ def add_flights(
             middle = layout.frame.to_xy(np.array([layout.core.centroid.coords[0]]))[0]
             repairs.add("stairs not joined", f"{shaft.kind} {shaft.id!r}", what, middle, level)
             continue
-        joined.add_flight(f"{shaft.id}", (lower, upper), layout, number, heights_m, below, above)
+        if not joined.add_flight(f"{shaft.id}", (lower, upper), layout, number, heights_m, below, above):
+            what = "its treads would cross one another: left out, not joined"
+            middle = layout.frame.to_xy(np.array([layout.core.centroid.coords[0]]))[0]
+            repairs.add("stairs not joined", f"{shaft.kind} {shaft.id!r}", what, middle, lower)
 
 
 def _edges_of(rings: Iterable[FloatArray]) -> Iterable[tuple[tuple[float, ...], tuple[float, ...]]]:

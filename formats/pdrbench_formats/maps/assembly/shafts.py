@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -11,7 +12,7 @@ import numpy as np
 from pdrbench_formats.maps.assembly.doors import MIN_DOOR_M, doorway_beside
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, RepairLog
 from pdrbench_formats.maps.assembly.flights import StairLayout, lay_out, parts_on_level
-from pdrbench_formats.maps.assembly.shapes import common, large_parts
+from pdrbench_formats.maps.assembly.shapes import SLIT_M, common, large_parts, sound, without
 
 MIN_OVERLAP: Final = 0.5  # of the smaller outline: two outlines of a shaft on different levels
 MIN_COMFORT: Final = 0.4  # of a stair that joins all levels: below it, one of them may be left out
@@ -20,16 +21,14 @@ NEAR_M: Final = 0.03  # from the outline of a shaft to floor that it is open to
 
 def shafts_of(connections: Sequence[Connection]) -> list[Connection]:
     """Connections, those with a common outline on a common level made one."""
-    import shapely
-
     shafts: list[Connection] = []
     for one in sorted(connections, key=lambda connection: connection.levels):
         for k, other in enumerate(shafts):
-            common = set(one.levels) & set(other.levels)
-            if one.kind == other.kind and common and all(
-                shapely.intersection(one.outlines[level], other.outlines[level]).area
+            shared = set(one.levels) & set(other.levels)
+            if one.kind == other.kind and shared and all(
+                common(one.outlines[level], other.outlines[level]).area
                 > MIN_OVERLAP * min(one.outlines[level].area, other.outlines[level].area)
-                for level in common
+                for level in shared
             ):  # fmt: skip
                 outlines = one.outlines | other.outlines
                 shafts[k] = replace(other, outlines=outlines, levels=tuple(sorted(outlines)))
@@ -45,9 +44,8 @@ def lay_out_shaft(
     """Where the treads of a stair lie; None, with a repair, where there is no room for them."""
     import shapely
 
-    core = shapely.intersection_all([shaft.outlines[level] for level in shaft.levels])
-    parts = [part for part in shapely.get_parts(core) if part.geom_type == "Polygon"]
-    core = max(parts, key=shapely.area, default=shapely.Polygon())
+    outlines = [sound(shaft.outlines[level], slit_m=SLIT_M) for level in shaft.levels]
+    core = sound(functools.reduce(common, outlines), slit_m=SLIT_M)
     middle = shapely.get_coordinates(shaft.outlines[shaft.levels[0]].centroid)[0]
     smallest = min(outline.area for outline in shaft.outlines.values())
     where = f"{shaft.kind} {shaft.id!r}, levels {', '.join(map(str, shaft.levels))}"
@@ -57,7 +55,7 @@ def lay_out_shaft(
         return None
     accesses = [_access(k, by_level[level]) for level in shaft.levels]
     heights_m = [height_m[level] for level in shaft.levels]
-    tidy = shapely.simplify(core.buffer(-NEAR_M, join_style="mitre").buffer(NEAR_M, join_style="mitre"), 0.004)
+    tidy = sound(shapely.simplify(core.buffer(-NEAR_M, join_style="mitre").buffer(NEAR_M, join_style="mitre"), 0.004))
     if shaft.kind == "escalator" or shaft.up is not None:
         layout = lay_out(tidy, accesses, heights_m, straight_only=True, up=shaft.up)
     else:
@@ -142,6 +140,5 @@ def open_shafts(
         repairs.add("doorway made", where, what, shapely.get_coordinates(doorway.centroid)[0], number)
         for cell in cells:
             if shapely.intersects(doorway, cell.shape):
-                parts = large_parts(shapely.difference(cell.shape, doorway), 0.0)
-                cell.shape = max(parts, key=shapely.area)
+                cell.shape = sound(without(cell.shape, doorway))
         cells.append(Cell(f"doorway-{shaft.id}", doorway, number, is_walled=False, is_door=True))

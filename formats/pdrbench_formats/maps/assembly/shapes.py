@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import numpy as np
 
+from pdrbench.building.validation import MIN_WIDTH_M
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.assembly.drawing import RepairLog
 
 GRID_M: Final = 1e-6  # finer than any drawing, coarser than what is left of a coordinate in degrees
+SLIT_M: Final = 0.01  # narrower ones are no gap that anyone drew
 MAX_LOST_M2: Final = 1e-3  # smaller differences of an overlay are those of the grid
 
 
@@ -69,12 +72,42 @@ def valid_polygons(parts: Iterable[Any], where: str, level: int, repairs: Repair
         for piece in shapely.get_parts(part):
             if piece.geom_type != "Polygon":
                 continue
-            if 2 * piece.area < 1e-3 * piece.length:
+            if piece.is_empty or 2 * piece.area < 1e-3 * piece.length:
                 place = shapely.get_coordinates(piece)[0] if not piece.is_empty else None
                 repairs.add("sliver", where, f"{piece.area:.2g} m² of {piece.length:.2g} m left out", place, level)
                 continue
             found.append(shapely.remove_repeated_points(piece, 1e-6))
     return found
+
+
+def sound(shape: Any, *, slit_m: float = 0.0) -> Any:
+    """A valid polygon of what we have made: on a grid, mended, slits closed, and of several parts the largest.
+
+    Args:
+        shape: shapely geometry, metres.
+        slit_m: Slits and touching rings narrower than this are filled.
+
+    Returns:
+        A polygon, which is empty where nothing of an area is left.
+    """
+    import shapely
+
+    mended = shapely.make_valid(shape, method="structure", keep_collapsed=False)
+    if slit_m:
+        mended = mended.buffer(slit_m, join_style="mitre").buffer(-slit_m, join_style="mitre")
+    mended = shapely.set_precision(mended, GRID_M)
+    return max(large_parts(mended, 0.0), key=shapely.area, default=shapely.Polygon())
+
+
+def is_sound(rings: Iterable[FloatArray]) -> bool:
+    """Whether rings (K, 2), the outline first, are a floor polygon: simple, holes inside, wider than a millimetre."""
+    import shapely
+
+    outline, *holes = rings
+    if len(outline) < 3 or not all(np.isfinite(ring).all() for ring in (outline, *holes)):
+        return False
+    polygon = shapely.Polygon(outline, holes)
+    return bool(polygon.is_valid and 2 * polygon.area > MIN_WIDTH_M * polygon.length)
 
 
 def common(one: Any, other: Any) -> Any:
@@ -93,8 +126,20 @@ def without(one: Any, other: Any) -> Any:
 
 def _overlay(operation: Callable[..., Any], one: Any, other: Any) -> Any:
     """An overlay; where edges 1e-10 m apart have spoilt it, as GEOS lets happen silently, the same on a fine grid."""
-    exact, snapped = operation(one, other), operation(one, other, grid_size=GRID_M)
+    snapped = operation(one, other, grid_size=GRID_M)
+    try:
+        exact = operation(one, other)
+    except geos_error():  # of edges that cross at one point only as far as numbers are exact
+        return snapped
     return exact if abs(exact.area - snapped.area) < MAX_LOST_M2 else snapped
+
+
+@functools.cache
+def geos_error() -> type[Exception]:
+    """What shapely raises where an overlay has no answer."""
+    from shapely.errors import GEOSException
+
+    return GEOSException
 
 
 def large_parts(shape: Any, min_m2: float) -> list[Any]:
