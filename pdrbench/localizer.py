@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, read_only
 from pdrbench.recording import MagneticMap, RadioMap, SensorSpec
 from pdrbench.trajectory import Start
+
+Carrier = Literal["foot", "phone"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,11 @@ class Briefing:
         fields = (self.building, dict(self.sensors), self.period_s, self.start, self.radio_map, dict(self.subject))
         return Briefing, (*fields, self.mounting, self.magnetic_map)
 
+    @property
+    def carrier(self) -> Carrier:
+        """What the device counts as: one that is not on the foot is a phone."""
+        return "foot" if self.mounting == "foot" else "phone"
+
     def require(
         self,
         *,
@@ -56,15 +63,26 @@ class Briefing:
         start: bool = False,
         radio_map: bool = False,
         magnetic_map: bool = False,
+        carrier: Carrier | None = None,
+        min_rate_hz: float = 0.0,
     ) -> None:
         """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with.
 
-        A radio map that is needed has a scan on the level where the walk begins, if that is known.
+        A radio map that is needed has a scan on the level where the walk begins, if that is known. A device that may
+        be carried anywhere counts as a phone. Every sensor that is needed has `min_rate_hz`, if its rate is known.
         """
         for name in sensors:
             if name not in self.sensors:
                 offered = ", ".join(self.sensors) or "none"
                 raise UnsuitableError(f"needs the sensor {name!r}; this environment offers {offered}")
+            rate_hz = self.sensors[name].rate_hz
+            if rate_hz is not None and rate_hz < min_rate_hz:
+                raise UnsuitableError(f"needs {name!r} at {min_rate_hz:g} Hz or more; this one has {rate_hz:g} Hz")
+        if carrier is not None and carrier != self.carrier:
+            where = f"is carried in the {self.mounting}" if self.mounting else "may be carried anywhere"
+            if self.carrier == "foot":
+                raise UnsuitableError("needs a phone; this unit is on the foot")
+            raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
         if start and self.start is None:
             raise UnsuitableError("needs a known start; this environment gives none")
         if radio_map and self.radio_map is None:

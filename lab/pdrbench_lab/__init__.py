@@ -38,14 +38,21 @@ ENVIRONMENTS = {
 }
 
 LOCALIZERS = {
+    "ahrs_madgwick": "pdrbench_lab.outsiders.ahrs_madgwick:AhrsMadgwick",
     "factor_graph": "pdrbench_lab.factor_graph.localizer:FactorGraph",
     "foot_ins_lstm": "pdrbench_lab.learned.zero_velocity:FootInsLstm",
     "foot_pair": "pdrbench_lab.foot_ins.pair:FootPair",
     "footslam": "pdrbench_lab.footslam.localizer:FootSlam",
+    "gaitmap_rts": "pdrbench_lab.outsiders.gaitmap_rts:GaitmapRts",
+    "imufusion_gait": "pdrbench_lab.outsiders.imufusion_gait:ImufusionGait",
+    "indoorloc_wknn": "pdrbench_lab.outsiders.indoorloc_wknn:IndoorlocWknn",
     "magnetic": "pdrbench_lab.magnetic.localizer:Magnetic",
     "ronin": "pdrbench_lab.learned.odometry.localizer:Ronin",
+    "sklearn_knn": "pdrbench_lab.outsiders.sklearn_knn:SklearnKnn",
     "step_count": "pdrbench_lab.step_count:StepCount",
+    "stonesoup_particles": "pdrbench_lab.outsiders.stonesoup_particles:StonesoupParticles",
     "tlio": "pdrbench_lab.learned.odometry.localizer:Tlio",
+    "vqf_steps": "pdrbench_lab.outsiders.vqf_steps:VqfSteps",
     "woodman2008_gpu": "pdrbench_lab.papers.woodman2008.gpu_localizer:Woodman2008Gpu",
     # ids of former versions
     "factor_graph_smooth": "renamed:factor_graph",

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.errors import RecordingError, UnsuitableError
+from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, path_heading_rad
 from pdrbench.inertial import (
     DETECTORS,
@@ -80,10 +80,7 @@ class FootIns:
         self._params, self._filter_params = params, params.with_detector()
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        briefing.require(sensors=("accel", "gyro"), start=True)
-        if briefing.mounting != "foot":
-            where = f"is carried in the {briefing.mounting}" if briefing.mounting else "may be carried anywhere"
-            raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
+        briefing.require(sensors=("accel", "gyro"), start=True, carrier="foot")
         assert briefing.start is not None
         self._start = briefing.start
         self._rate_hz = briefing.sensors["accel"].rate_hz or 200.0

@@ -12,7 +12,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import DETECTORS, LITERAL, FootParams
 from pdrbench.inertial.magnetometer import FieldParams
@@ -174,10 +173,7 @@ class Frank2009:
         self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        briefing.require(sensors=("accel", "gyro", "wifi"), radio_map=True)
-        if briefing.mounting != "foot":
-            where = f"is carried in the {briefing.mounting}" if briefing.mounting else "may be carried anywhere"
-            raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
+        briefing.require(sensors=("accel", "gyro", "wifi"), radio_map=True, carrier="foot")
         assert briefing.radio_map is not None
         self._wlan = HistogramMatcher(briefing.radio_map, briefing.sensors["wifi"], self._params.wlan)
         self._has_compass = "mag" in briefing.sensors

@@ -25,7 +25,7 @@ from pdrbench_baselines.fusion.free import FreeCloud
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
-from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
+from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
 from pdrbench_baselines.learned.localizer import debug_of, motion_of, stored
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
@@ -66,7 +66,7 @@ class Fusion(NetworkLocalizer):
         if briefing.building is None:
             raise UnsuitableError("needs a map; this environment has none, learned goes without")
         own, start = self._own, briefing.start
-        is_known_phone = start is not None and carrier_of(briefing.mounting) == PHONE
+        is_known_phone = start is not None and briefing.carrier == PHONE
         factor = own.interpolated_length_factor if is_known_phone and _is_interpolated(briefing.radio_map) else 1.0
         self._begin(briefing, factor, own.companions if is_known_phone else ())
         self._building, self._rng = briefing.building, rng

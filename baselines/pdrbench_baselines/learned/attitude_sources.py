@@ -246,18 +246,13 @@ def rows_of(briefing: Briefing, own_attitude: bool = False) -> PhoneSource | Own
         briefing: Names them.
         own_attitude: Whether the attitude of a phone is computed where it reports none.
     """
-    if carrier_of(briefing.mounting) == PHONE:
+    if briefing.carrier == PHONE:
         if own_attitude and "rotation" not in briefing.sensors:
             return OwnAttitudeSource(briefing)
         return PhoneSource()
     heading_rad = None if briefing.start is None else briefing.start.heading_rad
     accel = briefing.sensors.get("accel")
     return FootSource((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)
-
-
-def carrier_of(mounting: str) -> str:
-    """One of `CARRIERS`."""
-    return FOOT if mounting == FOOT else PHONE
 
 
 def foot_rows(recording: Recording) -> tuple[FootStates, dict[str, FloatArray]]:

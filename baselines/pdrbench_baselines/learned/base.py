@@ -12,7 +12,7 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import WAYS
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
+from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.compiled import CompiledNetwork, compiled_network
 from pdrbench_baselines.learned.reckoning import Reckoner, WindowNetwork
 
@@ -37,7 +37,7 @@ class NetworkLocalizer:
 
     def _begin(self, briefing: Briefing, length_factor: float = 1.0, companions: Sequence[str] = ()) -> None:
         """Begins a walk; see `Reckoner`. Companions are named as weights that come with pdrbench."""
-        carrier = carrier_of(briefing.mounting)
+        carrier = briefing.carrier
         network = self._network(self._weights or carrier)
         start = briefing.start
         self._heading_rad = None if start is None else start.heading_rad

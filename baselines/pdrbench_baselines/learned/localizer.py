@@ -13,7 +13,7 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
-from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
+from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, CARRY_S, NetworkLocalizer
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
@@ -118,7 +118,7 @@ class Learned(NetworkLocalizer):
         assert briefing.start is not None
         self._begin(briefing)
         p = self._params
-        self._errors = p.phone if carrier_of(briefing.mounting) == PHONE else p.foot
+        self._errors = p.phone if briefing.carrier == PHONE else p.foot
         self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
         self._start_m = self._xy_m.copy()
         self._doubted_m = 0.0
@@ -166,7 +166,7 @@ class LearnedMap(NetworkLocalizer):
         if briefing.building is None:
             raise UnsuitableError("needs a map; this environment has none, learned goes without")
         self._begin(briefing)
-        self._map_params = self._params.phone if carrier_of(briefing.mounting) == PHONE else self._params.foot
+        self._map_params = self._params.phone if briefing.carrier == PHONE else self._params.foot
         self._survey = self._surveyed(briefing)
         start, survey = briefing.start, self._survey
         if start is None and survey is None:

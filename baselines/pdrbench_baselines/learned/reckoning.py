@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of, rows_of
+from pdrbench_baselines.learned.attitude_sources import PHONE, rows_of
 from pdrbench_baselines.learned.row_checks import SENSORS, RowChecks
 from pdrbench_baselines.learned.signals import (
     HORIZON,
@@ -137,17 +137,11 @@ class Reckoner:
     ) -> None:
         self._length_factor, self._missing_s = length_factor, 0.0
         self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
-        carried = carrier_of(briefing.mounting)
+        carried = briefing.carrier
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
         self._source = source = rows_of(briefing, network.own_attitude)
-        briefing.require(sensors=source.sensors)
-        for name in source.sensors:
-            rate_hz = briefing.sensors[name].rate_hz
-            if rate_hz is not None and rate_hz < source.min_rate_hz:
-                raise UnsuitableError(
-                    f"needs {name} at {source.min_rate_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
-                )
+        briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
         has_rotation = "rotation" in source.sensors
         fit = [one for one in companions if one.carried == carried and (one.own_attitude or has_rotation)]
         self._members = [_Member(one) for one in (network, *fit)]

@@ -122,11 +122,9 @@ class Li2012:
         self._model = model or self._params.model
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        briefing.require(sensors=("accel",), start=True)
+        briefing.require(sensors=("accel",), start=True, carrier="phone")
         assert briefing.start is not None
         p, start = self._params, briefing.start
-        if briefing.mounting == "foot":
-            raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
         if p.map and briefing.building is None:
             raise UnsuitableError("needs a map; this environment has none, li2012?map=false goes without")
         in_pocket = briefing.mounting == "pocket"

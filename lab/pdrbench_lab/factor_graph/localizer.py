@@ -18,7 +18,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
-from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
+from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import NetworkLocalizer
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
 from pdrbench_baselines.learned.signals import turned
@@ -84,7 +84,7 @@ class FactorGraph(NetworkLocalizer):
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
         assert briefing.start is not None
-        if carrier_of(briefing.mounting) != PHONE:
+        if briefing.carrier != PHONE:
             raise UnsuitableError("its priors are those of a phone; on a foot take learned_map")
         self._begin(briefing)
         self._building, start = briefing.building, briefing.start

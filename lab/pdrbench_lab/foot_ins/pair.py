@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, path_heading_rad, wrap_rad
 from pdrbench.inertial import FootFilter, FootParams, FootStates, StrideSegmenter, check_units
 from pdrbench.inertial.pairing import SamplePairs
@@ -91,9 +90,7 @@ class FootPair:
         self._params = params
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        briefing.require(sensors=tuple(name for unit in _UNITS for name in unit), start=True)
-        if briefing.mounting != "foot":
-            raise UnsuitableError("needs a unit on each foot (mounting foot)")
+        briefing.require(sensors=tuple(name for unit in _UNITS for name in unit), start=True, carrier="foot")
         assert briefing.start is not None
         self._start = briefing.start
         rate_hz = briefing.sensors["accel"].rate_hz or 200.0

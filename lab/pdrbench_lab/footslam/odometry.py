@@ -125,10 +125,7 @@ def odometry_of(briefing: Briefing) -> Odometry:
         if briefing.start.heading_rad is None:
             raise UnsuitableError("needs the heading of the start to add strides")
         return StrideSensor()
-    briefing.require(sensors=("accel", "gyro"))
-    if briefing.mounting != "foot":
-        where = f"is carried in the {briefing.mounting}" if briefing.mounting else "may be carried anywhere"
-        raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
+    briefing.require(sensors=("accel", "gyro"), carrier="foot")
     return FootUnit(briefing.sensors["accel"].rate_hz or 200.0)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of, rows_of
+from pdrbench_baselines.learned.attitude_sources import rows_of
 from pdrbench_baselines.learned.row_checks import SENSORS, RowChecks
 from pdrbench_baselines.learned.signals import attitude_at
 from pdrbench_lab.learned.odometry.aligned import RATE_HZ, Aligned, aligned
@@ -30,19 +30,12 @@ class PhoneStream:
     """
 
     def __init__(self, briefing: Briefing) -> None:
-        if carrier_of(briefing.mounting) != PHONE:
-            raise UnsuitableError(f"needs a phone; this unit is carried on the {briefing.mounting}")
+        briefing.require(carrier="phone")
         has_heading = briefing.start is not None and briefing.start.heading_rad is not None
         if not has_heading and not {"rotation", "mag"} & set(briefing.sensors):
             raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
         self._source = source = rows_of(briefing, own_attitude=True)
-        briefing.require(sensors=source.sensors)
-        for name in source.sensors:
-            rate_hz = briefing.sensors[name].rate_hz
-            if rate_hz is not None and rate_hz < source.min_rate_hz:
-                raise UnsuitableError(
-                    f"needs {name} at {source.min_rate_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
-                )
+        briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
         self.rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._checks = RowChecks("odometry", self.rows)
         self._first_s: float | None = None
