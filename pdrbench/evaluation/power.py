@@ -5,37 +5,22 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import PdrbenchError, unknown_name
-from pdrbench.evaluation.rows import DRAW_SEED, WALK_VALUE
-from pdrbench.evaluation.scoring import Scored
+from pdrbench.evaluation.rows import DRAW_SEED, Played, side_by_side
 from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.power import Design, Spread, measured_spread, neighbour_error, walks_for
 from pdrbench.metrics.ranking import rank, smallest_ratio
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.registry import BOARDS_GROUP, entries, environments, make_task
-from pdrbench.result import COMPLETE, ONLINE, Result
+from pdrbench.result import ONLINE
 from pdrbench.task import SPLITS, Task
 
 RATIOS: Final = (1.1, 1.25)  # how many walks they need is said
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """What was played of one environment.
-
-    Attributes:
-        log_m: By localizer, (W, S) logarithms of the ranking value by walk and seed; NaN where it declined or failed.
-        units: (W,) unit of each walk.
-    """
-
-    log_m: Mapping[str, FloatArray]
-    units: tuple[str, ...]
 
 
 def ranked_walks(name: str) -> tuple[str, dict[str, int]]:
@@ -67,35 +52,16 @@ def _last_split(task: Task) -> str:
     return next(split for split in ("test", *SPLITS) if task.walks.get(split))
 
 
-def measured(results: Results) -> dict[str, Measured]:
-    """Values by environment of what was played, answers as they were given."""
-    found: dict[str, dict[str, dict[tuple[str, int], float]]] = {}
-    units: dict[str, dict[str, str]] = {}
-    for result, scored in zip(results.results, results.scored, strict=True):
-        if result.division == ONLINE:
-            of = found.setdefault(result.env, {}).setdefault(result.localizer, {})
-            of[result.walk, result.seed] = _log_m(result, scored)
-            units.setdefault(result.env, {})[result.walk] = scored.unit
-    return {env: _side_by_side(cells, units[env]) for env, cells in found.items()}
+def measured(results: Results) -> dict[str, Played]:
+    """What was played by environment, answers as they were given; of two splits the one with more walks."""
+    found: dict[str, Played] = {}
+    for (env, _, division), played in side_by_side(list(zip(results.results, results.scored, strict=True))).items():
+        if division == ONLINE and (env not in found or len(played.units) > len(found[env].units)):
+            found[env] = played
+    return found
 
 
-def _log_m(result: Result, scored: Scored) -> float:
-    if result.status != COMPLETE:
-        return math.nan
-    return math.log(max(scored.scores[WALK_VALUE], make_task(result.task).noise_m))
-
-
-def _side_by_side(cells: Mapping[str, Mapping[tuple[str, int], float]], unit: Mapping[str, str]) -> Measured:
-    seeds = sorted({seed for of in cells.values() for _, seed in of})
-    log_m = {
-        name: np.array([[of.get((walk, seed), math.nan) for seed in seeds] for walk in unit])
-        for name, of in cells.items()
-        if np.isfinite(list(of.values())).any()
-    }
-    return Measured(log_m, tuple(unit.values()))
-
-
-def power_rows(board: str, walks: Mapping[str, int], played: Mapping[str, Measured]) -> list[dict[str, Any]]:
+def power_rows(board: str, walks: Mapping[str, int], played: Mapping[str, Played]) -> list[dict[str, Any]]:
     """Rows as `pdrbench power --json` prints them: the board first, if it is one, then its environments.
 
     Args:
@@ -110,7 +76,7 @@ def power_rows(board: str, walks: Mapping[str, int], played: Mapping[str, Measur
     return [_row(board, walks, played), *rows] if board else rows
 
 
-def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Measured]) -> dict[str, Any]:
+def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Played]) -> dict[str, Any]:
     designs = {env: _design(walks[env], of) for env, of in played.items()}
     spreads = _neighbours(played)
     error, degrees = neighbour_error(spreads, designs)
@@ -128,29 +94,30 @@ def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Measured]) -
     }
 
 
-def _design(walks: int, of: Measured) -> Design:
+def _design(walks: int, of: Played) -> Design:
     """Units and walks that rank, with as many walks to a unit as were measured."""
     units = len(set(of.units))
     return Design(walks * units / len(of.units) if units >= MIN_UNITS else walks, walks)
 
 
-def _neighbours(played: Mapping[str, Measured]) -> list[dict[str, Spread]]:
+def _neighbours(played: Mapping[str, Played]) -> list[dict[str, Spread]]:
     """Spreads of the ratio of neighbours in the ranking, by environment that both played."""
     values: dict[str, dict[str, FloatArray]] = {}
     for env, of in played.items():
         for name, log_m in of.log_m.items():
-            values.setdefault(name, {})[env] = np.exp(log_m.mean(axis=1))
+            if np.isfinite(log_m).any():
+                values.setdefault(name, {})[env] = np.exp(log_m.mean(axis=1))
     if len(values) < 2:
         raise PdrbenchError("power is about telling localizers apart: fewer than two played a walk to its end")
     units = {env: of.units for env, of in played.items()}
-    least_m = dict.fromkeys(units, math.exp(-50.0))  # values are floored already
-    order = rank(values, units=units, noise_m=least_m, rng=np.random.default_rng(DRAW_SEED), draws=1).standings
+    noise_m = {env: of.task.noise_m for env, of in played.items()}
+    order = rank(values, units=units, noise_m=noise_m, rng=np.random.default_rng(DRAW_SEED), draws=1).standings
     pairs = [(first.name, second.name) for first, second in itertools.pairwise(order)]
     return [
         {
             env: measured_spread(of.log_m[first] - of.log_m[second], of.units)
             for env, of in played.items()
-            if first in of.log_m and second in of.log_m
+            if env in values[first] and env in values[second]
         }
         for first, second in pairs
     ]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +13,14 @@ import numpy as np
 from pdrbench.evaluation.scoring import Scored
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled
-from pdrbench.metrics.ranking import rank
+from pdrbench.metrics.ranking import Ranking, rank
 from pdrbench.metrics.statistics import MIN_UNITS, SUMMARIES, mean_interval, over_seeds, quantile_interval
 from pdrbench.registry import make_task
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 
 Row = Mapping[str, Any]
+Place = tuple[str, str, str]  # environment, split, division
 WALK_VALUE: Final = "p75_level_penalised_m"  # of a walk: EvAAL
 RANKING: Final = "p75_geometric_m"  # of a row: geometric mean of it over walks
 DRAW_SEED: Final = 0  # the same results give the same p-values
@@ -28,18 +29,82 @@ SCAN_EDGES_M: Final = (3.0, 10.0)  # of the distance to the nearest scan: beside
 SCAN_STRATA: Final = ("scan 0–3 m", "scan 3–10 m", "scan > 10 m")
 
 
-def rows_of(pairs: Sequence[tuple[Result, Scored]]) -> list[dict[str, Any]]:
-    """One row for each environment, split, localizer and division, with its rank; times may be infinite."""
-    groups: dict[tuple[str, str, str, str], list[tuple[Result, Scored]]] = {}
+@dataclass(frozen=True, slots=True)
+class Played:
+    """What localizers reached side by side on the walks of an environment and a split, in one division.
+
+    Attributes:
+        task: The environment.
+        log_m: By localizer, (W, S) logarithms of `WALK_VALUE` by walk and seed; NaN where it declined or failed.
+        units: (W,) unit of each walk.
+    """
+
+    task: Task
+    log_m: Mapping[str, FloatArray]
+    units: tuple[str, ...]
+
+
+def side_by_side(pairs: Sequence[tuple[Result, Scored]]) -> dict[Place, Played]:
+    """By environment, split and division, what all localizers were played on.
+
+    A localizer with one seed does not draw: its walks count as those of every seed.
+    """
+    cells: dict[Place, dict[str, dict[tuple[str, int], float]]] = {}
+    units: dict[Place, dict[str, str]] = {}
+    tasks: dict[Place, Task] = {}
     for result, scored in pairs:
-        place = (result.env, result.split, result.division, result.localizer)
-        groups.setdefault(place, []).append((result, scored))
-    rows = {place: _row(group, make_task(group[0][0].task)) for place, group in groups.items()}
-    for board in dict.fromkeys(place[:3] for place in groups):
-        of = {place[3]: group for place, group in groups.items() if place[:3] == board}
-        for name, added in _ranked(of, make_task(next(iter(of.values()))[0][0].task)).items():
-            row = rows[*board, name]
-            row |= {**added, "metrics": row["metrics"] | added["metrics"]}
+        place = result.env, result.split, result.division
+        task = tasks.setdefault(place, make_task(result.task))
+        is_complete = result.status == COMPLETE
+        value = math.log(max(scored.scores[WALK_VALUE], task.noise_m)) if is_complete else math.nan
+        cells.setdefault(place, {}).setdefault(result.localizer, {})[result.walk, result.seed] = value
+        units.setdefault(place, {})[result.walk] = scored.unit
+    return {place: _shared(task, cells[place], units[place]) for place, task in tasks.items()}
+
+
+def _shared(task: Task, cells: Mapping[str, Mapping[tuple[str, int], float]], unit: Mapping[str, str]) -> Played:
+    """Of the walks and seeds that every localizer was played on."""
+    seeds = sorted({seed for of in cells.values() for _, seed in of})
+    every = {
+        name: {
+            (walk, seed): of[walk, key]
+            for walk, key in of
+            for seed in (seeds if len({s for _, s in of}) == 1 else [key])
+        }
+        for name, of in cells.items()
+    }
+    seeds = [seed for seed in seeds if all(any(key == seed for _, key in of) for of in every.values())]
+    walks = [walk for walk in unit if all((walk, seed) in of for of in every.values() for seed in seeds)]
+    log_m = {name: np.array([[of[walk, seed] for seed in seeds] for walk in walks]) for name, of in every.items()}
+    return Played(task, log_m, tuple(unit[walk] for walk in walks))
+
+
+def ranking_of(played: Played) -> Ranking | None:
+    """See `metrics.ranking`; a walk counts where every seed was played to its end. None where there is no such walk."""
+    env, noise_m = played.task.id, played.task.noise_m
+    values = {name: {env: np.exp(of.mean(axis=1))} for name, of in played.log_m.items() if of.size}
+    if not any(np.isfinite(of[env]).any() for of in values.values()):
+        return None
+    rng = np.random.default_rng(DRAW_SEED)
+    return rank(values, units={env: played.units}, noise_m={env: noise_m}, rng=rng)
+
+
+def rows_of(pairs: Sequence[tuple[Result, Scored]], rankings: Mapping[Place, Ranking]) -> list[dict[str, Any]]:
+    """One row for each environment, split, localizer and division, with its rank; times may be infinite."""
+    groups: dict[tuple[Place, str], list[tuple[Result, Scored]]] = {}
+    for result, scored in pairs:
+        place = result.env, result.split, result.division
+        groups.setdefault((place, result.localizer), []).append((result, scored))
+    rows = {key: _row(group, make_task(group[0][0].task)) for key, group in groups.items()}
+    for place, ranking in rankings.items():
+        for of in ranking.standings:
+            row = rows[place, of.name]
+            row |= {"rank": list(of.rank), "smallest_ratio": _known(ranking.smallest_ratio())}
+            row["metrics"] |= {
+                RANKING: _number(of.score_m, "m", of.low_m, of.high_m, of.walks),
+                "ratio_to_best": _number(of.ratio, "", of.ratio_low, of.ratio_high, of.walks),
+                "p_holm": _number(of.p_holm, "", math.nan, math.nan, of.walks if math.isfinite(of.p_holm) else 0),
+            }
     return list(rows.values())
 
 
@@ -73,59 +138,6 @@ def _row(group: Sequence[tuple[Result, Scored]], task: Task) -> dict[str, Any]:
         "metrics": _metrics(played, METRICS) if played else {},
         "strata": _strata(played, group, task),
     }
-
-
-def _ranked(groups: Mapping[str, Sequence[tuple[Result, Scored]]], task: Task) -> dict[str, dict[str, Any]]:
-    """What ranking adds to the row of each localizer of an environment, a split and a division; see `metrics.ranking`.
-
-    A walk counts where the localizer played it to its end with every seed.
-    """
-
-    def log_m(result: Result, scored: Scored) -> float:
-        return math.log(max(scored.scores[WALK_VALUE], task.noise_m)) if result.status == COMPLETE else math.nan
-
-    logs, units = side_by_side(groups, log_m)
-    if not any(np.isfinite(of).any() for of in logs.values()):
-        return {}
-    values = {name: {task.id: np.exp(of)} for name, of in logs.items()}
-    rng = np.random.default_rng(DRAW_SEED)
-    ranking = rank(values, units={task.id: units}, noise_m={task.id: task.noise_m}, rng=rng)
-    smallest = ranking.smallest_ratio()
-    return {
-        of.name: {
-            "rank": list(of.rank),
-            "smallest_ratio": smallest if math.isfinite(smallest) else None,
-            "metrics": {
-                RANKING: _number(of.score_m, "m", of.low_m, of.high_m, of.walks),
-                "ratio_to_best": _number(of.ratio, "", of.ratio_low, of.ratio_high, of.walks),
-                "p_holm": _number(of.p_holm, "", math.nan, math.nan, of.walks if math.isfinite(of.p_holm) else 0),
-            },
-        }
-        for of in ranking.standings
-    }
-
-
-def side_by_side(
-    groups: Mapping[str, Sequence[tuple[Result, Scored]]], value: Callable[[Result, Scored], float]
-) -> tuple[dict[str, FloatArray], list[str]]:
-    """Per localizer (W,) means over the seeds that all have, on all walks in the same order; and the units.
-
-    A localizer with one seed does not draw: its walks count as those of every seed. NaN where a walk was declined.
-    """
-    cells = {
-        name: {(r.walk, r.seed): value(r, scored) if scored.scores else math.nan for r, scored in group}
-        for name, group in groups.items()
-    }
-    unit = {result.walk: scored.unit for group in groups.values() for result, scored in group}
-    seeds = sorted({seed for of in cells.values() for _, seed in of})
-    for of in cells.values():
-        if len({seed for _, seed in of}) == 1:
-            of |= {(walk, seed): number for (walk, _), number in list(of.items()) for seed in seeds}
-    shared = [[(walk, seed) for seed in seeds if all((walk, seed) in of for of in cells.values())] for walk in unit]
-    walks = [walk for walk, of in zip(unit, shared, strict=True) if of]
-    shared = [of for of in shared if of]
-    values = {name: np.array([np.mean([cells[name][place] for place in of]) for of in shared]) for name in groups}
-    return values, [unit[walk] for walk in walks]
 
 
 def _number(value: float, unit: str, low: float, high: float, n: int) -> dict[str, Any]:

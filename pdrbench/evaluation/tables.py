@@ -9,19 +9,19 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pdrbench.errors import PdrbenchError, ResultError, unknown_name
+from pdrbench.errors import ResultError
 from pdrbench.evaluation import store
-from pdrbench.evaluation.rows import DRAW_SEED, finite, rows_of, side_by_side
+from pdrbench.evaluation.rows import finite, ranking_of, rows_of, side_by_side
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.evaluation.wording import brief, footnotes, in_a_line, score_tables
 from pdrbench.metrics import METRICS
-from pdrbench.metrics.statistics import compare_pairs
+from pdrbench.metrics.ranking import Ranking
 from pdrbench.registry import make_task
 from pdrbench.result import Result, by_division
 
@@ -107,7 +107,7 @@ class Results:
 
     @functools.cached_property
     def _rows(self) -> list[dict[str, Any]]:
-        return rows_of(list(zip(self.results, self.scored, strict=True)))
+        return rows_of(list(zip(self.results, self.scored, strict=True)), self.rankings)
 
     def frame(self) -> pd.DataFrame:
         """The summary, a line for each environment, split, localizer, division and metric; infinite: never happened."""
@@ -125,38 +125,12 @@ class Results:
         frame = pd.DataFrame(lines, columns=columns)
         return frame.astype(dict.fromkeys(("value", "low", "high"), np.float64))
 
-    def pairs(self, metric: str = "mean_m") -> pd.DataFrame:
-        """Every two localizers on the same walks and seeds, for each environment, split and division.
-
-        P-values are of the sign-flip test, adjusted by Holm within environment, split and division.
-
-        Args:
-            metric: Of `METRICS`.
-
-        Returns:
-            env, split, division, metric, and the fields of `metrics.statistics.Comparison`.
-        """
-        import pandas as pd
-
-        if metric not in METRICS:
-            raise unknown_name("metric", metric, METRICS)
-        if METRICS[metric].better == "none":
-            raise PdrbenchError(f"{metric} is neither better when low nor when high: there is nothing to compare")
-        if METRICS[metric].over_walks != "mean":
-            raise PdrbenchError(
-                f"{metric} may be infinite, and infinite times have no differences; compare a share, as converged_60s"
-            )
-        groups: dict[tuple[str, str, str], dict[str, list[tuple[Result, Scored]]]] = {}
-        for result, scored in zip(self.results, self.scored, strict=True):
-            of = groups.setdefault((result.env, result.split, result.division), {})
-            of.setdefault(result.localizer, []).append((result, scored))
-        found = []
-        for (env, split, division), of in groups.items():
-            values, units = side_by_side(of, lambda _, scored: scored.scores[metric])
-            rng = np.random.default_rng(DRAW_SEED)
-            for pair in compare_pairs(values, rng=rng, units=units):
-                found.append({"env": env, "split": split, "division": division, "metric": metric} | asdict(pair))
-        return pd.DataFrame(found)
+    @functools.cached_property
+    def rankings(self) -> dict[tuple[str, str, str], Ranking]:
+        """Who is ahead and how sure that is, every pair included, by environment, split and division."""
+        found = side_by_side(list(zip(self.results, self.scored, strict=True)))
+        rankings = {place: ranking_of(played) for place, played in found.items()}
+        return {place: ranking for place, ranking in rankings.items() if ranking is not None}
 
     def table(self, columns: Sequence[str] | None = None) -> str:
         """Plain text: one line for each localizer and division, and what to know when reading it.

@@ -22,7 +22,7 @@ from pdrbench.metrics.statistics import (
     MIN_UNITS,
     Units,
     holm,
-    sign_flip_pairs_p,
+    sign_flip_p,
     student,
     unit_codes,
     weighted_mean,
@@ -235,7 +235,7 @@ def _pairs(parts: Sequence[_Part], rng: np.random.Generator, draws: int) -> Pair
     first, second = np.triu_indices(num, 1)
     error, degrees = _errors([part.log_m[first] - part.log_m[second] for part in parts], parts)
     sums = np.concatenate([_unit_means(part) for part in parts]) / len(parts)
-    p_holm = holm(sign_flip_pairs_p(sums, rng=rng, draws=draws))
+    p_holm = holm(sign_flip_p(sums, rng=rng, draws=draws))
     score = np.mean([part.log_m.mean(axis=1) for part in parts], axis=0)
 
     def square(of_pairs: FloatArray, diagonal: float) -> FloatArray:

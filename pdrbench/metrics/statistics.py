@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -148,53 +147,18 @@ SUMMARIES: Final[Mapping[str, Summary]] = MappingProxyType(
 
 
 def sign_flip_p(
-    differences: ArrayLike,
-    units: Units | None = None,
-    *,
-    rng: np.random.Generator,
-    exact_units: int = EXACT_UNITS,
-    draws: int = DRAWS,
-) -> FloatArray:
-    """Two-sided p-value of the paired permutation test: under no difference every sign is as likely as its opposite.
-
-    p = fraction of the sign patterns s of units with |sum s_i d_i| >= |sum d_i|, d_i the sum over the walks of a unit;
-    all 2^K patterns up to `exact_units` units, else (1 + count) / (1 + draws) of random ones. K units give no p-value
-    below 2^(1-K).
-
-    Args:
-        differences: (W,) per-walk differences of two localizers on the same walks and seeds, or (W, M) of M pairs; NaN
-            takes a walk out.
-        units: (W,) unit of each walk; None: each walk is one.
-        rng: Draws the patterns, the same for all pairs; not touched where the test is exact.
-        exact_units: Most units for all patterns.
-        draws: Random patterns beyond.
-
-    Returns:
-        () or (M,); NaN where no walk is left.
-    """
-    sums, count = _unit_sums(differences, units)
-    if not sums.size:
-        return np.full(np.shape(differences)[1:], math.nan)
-    least = _least(sums)
-    reached, patterns = np.zeros(sums.shape[1:]), 0
-    for signs in _sign_patterns(len(sums), sums[0].size, rng, exact_units, draws):
-        reached += np.count_nonzero(np.abs(signs @ sums) >= least, axis=0)
-        patterns += len(signs)
-    p = reached / patterns if len(sums) <= exact_units else (1 + reached) / (1 + patterns)
-    return np.where(count.sum(axis=0) > 0, p, math.nan)
-
-
-def sign_flip_pairs_p(
     sums: FloatArray, *, rng: np.random.Generator, exact_units: int = EXACT_UNITS, draws: int = DRAWS
 ) -> FloatArray:
-    """(M,) p-values of `sign_flip_p` for all M = N (N - 1) / 2 pairs of N localizers, in the order of `combinations`.
+    """Two-sided p-values of the paired permutation test of every two of N localizers, in the order of `combinations`.
 
-    Flipped sums of differences are differences of flipped sums, so that the cost of a pattern grows with N K and not
-    with M K.
+    Under no difference every sign of the difference d_i on a unit is as likely as its opposite: p = fraction of the
+    sign patterns s with |sum s_i d_i| >= |sum d_i|; all 2^K patterns up to `exact_units` units, else
+    (1 + count) / (1 + draws) of random ones. K units give no p-value below 2^(1-K). Flipped sums of differences are
+    differences of flipped sums, so that the cost of a pattern grows with N K and not with the number of pairs.
 
     Args:
-        sums: (K, N) sum over the walks of each unit.
-        rng: Draws the patterns, the same for all pairs.
+        sums: (K, N) sum over the walks of each unit, by localizer.
+        rng: Draws the patterns, the same for all pairs; not touched where the test is exact.
         exact_units: Most units for all patterns.
         draws: Random patterns beyond.
     """
@@ -245,64 +209,6 @@ def holm(p_values: ArrayLike) -> FloatArray:
     factor = np.arange(len(order), 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(factor * p[order]), 1.0)
     return adjusted
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Two localizers on the same walks and seeds.
-
-    Attributes:
-        first: Localizer.
-        second: Localizer.
-        num_walks: Walks on which both have a value.
-        effect: Mean over walks of first minus second, in the unit of the metric.
-        low: Lower end of the interval of `effect`, NaN below `MIN_UNITS` units.
-        high: Upper end.
-        p: Two-sided p-value of the paired test.
-        p_holm: Adjusted for all pairs that were compared with this one.
-    """
-
-    first: str
-    second: str
-    num_walks: int
-    effect: float
-    low: float
-    high: float
-    p: float
-    p_holm: float
-
-
-def compare_pairs(
-    values_by_localizer: Mapping[str, ArrayLike],
-    *,
-    rng: np.random.Generator,
-    units: Units | None = None,
-    confidence: float = CONFIDENCE,
-) -> tuple[Comparison, ...]:
-    """Every pair of localizers by their per-walk differences.
-
-    Args:
-        values_by_localizer: (W,) values by localizer, all on the same walks in the same order; NaN where there is none.
-        rng: Draws signs.
-        units: (W,) unit of each walk; None: each walk is one.
-        confidence: Of the intervals; they are of one pair each, not adjusted.
-    """
-    values = {name: np.asarray(of, dtype=np.float64) for name, of in values_by_localizer.items()}
-    if len({of.shape for of in values.values()}) > 1:
-        raise ValueError(f"localizers differ in walks: { ({name: of.shape for name, of in values.items()}) }")
-    pairs = list(combinations(values, 2))
-    if not pairs:
-        return ()
-    differences = np.column_stack([values[first] - values[second] for first, second in pairs])
-    p_values = sign_flip_p(differences, units, rng=rng)
-    found = []
-    for (first, second), difference, p, p_holm in zip(pairs, differences.T, p_values, holm(p_values), strict=True):
-        both = np.isfinite(difference)
-        effect = float(difference[both].mean()) if both.any() else math.nan
-        low, high = mean_interval(difference, units, confidence=confidence)
-        ends = float(low), float(high)
-        found.append(Comparison(first, second, int(both.sum()), effect, *ends, float(p), float(p_holm)))
-    return tuple(found)
 
 
 def over_seeds(values: ArrayLike, statistic: Statistic) -> FloatArray:
@@ -385,11 +291,3 @@ def _scale_of(values: FloatArray, scale: Scale) -> Scale:
 def _place(quantile: float, count: int) -> int:
     """Row of a quantile among sorted samples: the first that at least this fraction does not exceed."""
     return min(max(math.ceil(quantile * count - 1e-9), 1), max(count, 1)) - 1
-
-
-def _unit_sums(differences: ArrayLike, units: Units | None) -> tuple[FloatArray, FloatArray]:
-    """(K, ...) sums and numbers of the differences of each unit, the NaN left out."""
-    array = np.asarray(differences, dtype=np.float64)
-    code = unit_codes(units, len(array))
-    is_member = (code == np.arange(code.max(initial=-1) + 1)[:, None]).astype(np.float64)
-    return is_member @ np.where(np.isnan(array), 0.0, array), is_member @ ~np.isnan(array)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
+from pdrbench.errors import ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, score, scoring, store
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.registry import make_task
@@ -164,23 +164,6 @@ def test_what_chance_explains_has_the_same_rank(localizer: Spec) -> None:
     assert [row["rank"] for row in few.rows()] == [[1, 2], [1, 2]], "four walks give no p-value below 0.125"
 
 
-def test_pairs_compare_on_the_same_walks(results: Results, localizer: Spec) -> None:
-    pairs = results.pairs("mean_m").set_index(["first", "second"])
-    noisy, worse, oracle = (localizer(name) for name in ("Noisy", "Worse", "Oracle"))
-    pair = pairs.loc[noisy, worse]
-    frame = results.walks().pivot(index=["walk", "seed"], columns="localizer", values="mean_m")
-    assert pair.effect == pytest.approx((frame[noisy] - frame[worse]).mean())
-    assert pair.num_walks == 6
-    assert pair.low < pair.effect < pair.high < 0
-    assert pair.p == pytest.approx(2 / 2**6), "exact: all six differences have one sign"
-    assert pair.p <= pair.p_holm
-    assert pairs.loc[noisy, oracle].num_walks == 0
-    with pytest.raises(UnknownNameError, match="did you mean 'mean_m'"):
-        results.pairs("meen_m")
-    with pytest.raises(PdrbenchError, match="nothing to compare"):
-        results.pairs("n")
-
-
 def scored_anew(results: Results, name: str, values: list[float]) -> Results:
     """The same results, one metric of each replaced."""
     anew = Results(results.results)
@@ -204,8 +187,6 @@ def test_missing_convergence_is_neither_left_out_nor_averaged(localizer: Spec) -
     seldom = scored_anew(results, "convergence_s", [5.0, never, 7.0, 9.0, 8.0, math.nan])
     entry = seldom.rows()[0]["metrics"]["convergence_s"]
     assert (entry["value"], entry["n"]) == (8.0, 5)
-    with pytest.raises(PdrbenchError, match="compare a share"):
-        seldom.pairs("convergence_s")
 
 
 def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(

@@ -14,7 +14,6 @@ from scipy import stats
 from pdrbench.metrics.statistics import (
     SUMMARIES,
     Units,
-    compare_pairs,
     holm,
     mean,
     mean_interval,
@@ -177,6 +176,13 @@ POOLED_P75 = 1.4962
 # Paired tests --------------------------------------------------------------------------------------------------
 
 
+def p_of(differences: ArrayLike, **settings: Any) -> float:
+    """Of one pair, whose units differ by so much."""
+    array = np.asarray(differences, dtype=np.float64)
+    (p,) = sign_flip_p(np.column_stack([array, np.zeros_like(array)]), rng=fresh(), **settings)
+    return float(p)
+
+
 def brute_force_p(values: list[float]) -> float:
     sums = [
         abs(sum(s * d for s, d in zip(signs, values, strict=True)))
@@ -189,22 +195,19 @@ def brute_force_p(values: list[float]) -> float:
     "values", [[1.0, 2.0, 3.0], [1.0, -1.0, 2.0, 0.0], [0.1] * 9, [0.3, -2.0, 1.0, 4.0, 1.5, -0.2, 0.0]]
 )
 def test_sign_flips_are_exact_up_to_twenty_walks(values: list[float]) -> None:
-    assert sign_flip_p(values, rng=fresh()) == brute_force_p(values)
+    assert p_of(values) == brute_force_p(values)
 
 
 def test_many_walks_are_tested_by_random_flips() -> None:
     values = np.append(np.linspace(-1.0, 1.2, 19), 2.5)
-    exact = sign_flip_p(values, rng=fresh())
-    random = sign_flip_p(values, rng=fresh(), exact_units=0)
+    exact, random = p_of(values), p_of(values, exact_units=0)
     assert 0.01 < exact < 0.5
     assert random == pytest.approx(exact, abs=4 * math.sqrt(exact / 100_000))
-    assert sign_flip_p(np.ones(60), rng=fresh(), draws=999) == 1 / 1000  # never 0
+    assert p_of(np.ones(60), draws=999) == 1 / 1000  # never 0
 
 
 def test_no_difference_is_no_evidence() -> None:
-    assert sign_flip_p(np.zeros(8), rng=fresh()) == 1.0
-    assert math.isnan(sign_flip_p(np.full(8, math.nan), rng=fresh()))
-    assert math.isnan(sign_flip_p([], rng=fresh()))
+    assert p_of(np.zeros(8)) == 1.0
 
 
 def test_holm_of_known_values() -> None:
@@ -219,57 +222,20 @@ def test_holm_leaves_out_pairs_that_were_not_tested() -> None:
     assert math.isnan(adjusted[1])
 
 
-def test_pairs_are_compared_walk_by_walk() -> None:
-    rng = np.random.default_rng(8)
-    walk = rng.gamma(3.0, size=12)  # walks differ far more than localizers
-    values = {"good": walk, "bad": walk + rng.uniform(0.1, 0.3, 12), "same": walk + rng.normal(0, 0.1, 12)}
-    found = {(c.first, c.second): c for c in compare_pairs(values, rng=fresh())}
-    assert list(found) == [("good", "bad"), ("good", "same"), ("bad", "same")]
-    pair = found["good", "bad"]
-    assert pair.num_walks == 12
-    assert pair.effect == pytest.approx((values["good"] - values["bad"]).mean())
-    assert pair.low < pair.effect < pair.high < 0
-    assert pair.p == 2 / 2**12
-    assert pair.p_holm == 3 * pair.p
-    assert found["good", "same"].p_holm > 0.05
-
-
-def test_walks_of_another_number_are_refused() -> None:
-    with pytest.raises(ValueError, match="differ in walks"):
-        compare_pairs({"a": [1.0], "b": [1.0, 2.0]}, rng=fresh())
-
-
-def test_walks_that_one_localizer_did_not_finish_are_not_compared() -> None:
-    (pair,) = compare_pairs({"a": [1.0, math.nan, 3.0], "b": [2.0, 2.0, math.nan]}, rng=fresh())
-    assert (pair.num_walks, pair.effect, pair.p) == (1, -1.0, 1.0)
-    assert math.isnan(pair.low)
-
-
-def test_whole_units_are_tested() -> None:
-    # eight walks of each of three people: three signs, a quarter of all patterns is as extreme as all of one sign
-    differences, units = np.ones(24), np.repeat(list("abc"), 8)
-    assert sign_flip_p(differences, units, rng=fresh()) == 0.25
-    assert sign_flip_p(differences, rng=fresh()) < 1e-4
-    missing = np.where(units == "b", math.nan, differences)
-    assert sign_flip_p(missing, units, rng=fresh()) == 0.5
-
-
 @pytest.mark.parametrize("sizes", [[4] * 8, [1, 1, 2, 2, 4, 6, 8, 8]], ids=str)
 def test_tests_hold_their_level_where_walks_of_a_unit_depend_on_each_other(sizes: list[int]) -> None:
     # Differences without an effect, intraclass correlation 0.4. Binomial standard error of 5 % in 600: 0.9 %, three.
     walks, units, _ = draw_walks(np.random.default_rng(6), sizes, 0.4, 0.0, 600)
-    p = sign_flip_p(walks.T - 5.0, units, rng=fresh(), exact_units=8, draws=2000)
-    assert np.mean(p <= 0.05) <= 0.05 + 0.027
-    by_walk = sign_flip_p(walks.T - 5.0, rng=fresh(), exact_units=8, draws=2000)
-    assert np.mean(by_walk <= 0.05) > 0.1, "walk by walk it does not"
+    sums = np.stack([(walks - 5.0)[:, units == unit].sum(axis=1) for unit in range(8)])
+    assert np.mean([p_of(of) <= 0.05 for of in sums.T]) <= 0.05 + 0.027
+    by_walk = [p_of(of, exact_units=8, draws=500) <= 0.05 for of in walks[:200] - 5.0]
+    assert np.mean(by_walk) > 0.1, "walk by walk it does not"
 
 
-def test_pairs_are_tested_at_once_as_one_by_one() -> None:
-    differences = np.random.default_rng(12).normal(0.3, size=(14, 3))
-    differences[:5, 1] = math.nan
-    found = sign_flip_p(differences, rng=fresh())
-    assert found.tolist() == [sign_flip_p(column, rng=fresh()) for column in differences.T]
-    assert found[1] == sign_flip_p(differences[5:, 1], rng=fresh())
+def test_pairs_of_localizers_are_tested_at_once_as_one_by_one() -> None:
+    sums = np.random.default_rng(12).normal(0.3, size=(9, 4))
+    expected = [p_of(sums[:, i] - sums[:, j]) for i, j in itertools.combinations(range(4), 2)]
+    assert sign_flip_p(sums, rng=fresh()).tolist() == expected
 
 
 # Summaries -----------------------------------------------------------------------------------------------------
