@@ -93,7 +93,7 @@ _OTHER: Final = (
     "wrist", "headphone", "angularacceleration",
 )  # fmt: skip
 _FILLERS: Final = ("raw", "data", "value", "values", "val", "calibrated", "cal", "axis", "sensor")
-_TIME_NAMES: Final = (
+TIME_NAMES: Final = (
     "t", "time", "timestamp", "ts", "seconds", "sec", "secs", "millis", "elapsed", "secondselapsed", "timeelapsed",
     "elapsedtime", "timesincestart", "date", "datetime", "unixtime", "unix", "epoch", "sampletime", "zeit", "temps",
     "tiempo", "tempo", "zeitstempel", "時間", "时间",
@@ -105,7 +105,7 @@ _PLACE_NAMES: Final = {
     "m": (("x", "y"), ("posx", "posy"), ("positionx", "positiony"), ("px", "py"), ("gtx", "gty"), ("refx", "refy")),
     "deg": (("lat", "lon"), ("latitude", "longitude"), ("lat", "lng"), ("lat", "long")),
 }
-_LEVEL_NAMES: Final = ("level", "floor", "floorid", "storey")
+LEVEL_NAMES: Final = ("level", "floor", "floorid", "storey")
 _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
@@ -127,7 +127,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         The map, None where no sensor is recognised, and without `time` where no time is; and what was concluded from
         the numbers alone, or chosen among several that it might be.
     """
-    named = {name: _split_unit(name) for name in table.columns}
+    named = {name: split_unit(name) for name in table.columns}
     named |= {name: (named[name][0], unit.strip("()[] ").lower()) for name, unit in table.units.items() if unit}
     found: dict[str, Any] = {}
     assumed: list[str] = []
@@ -161,7 +161,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         baro = next((bases[base] for base in ("x", *_FILLERS) if base in bases), None)
     if baro is not None and (named[baro][0] != "p" or _is_pressure(table, baro)):
         found["baro"] = baro
-    level = next((bases[base] for base in _LEVEL_NAMES if base in bases), None)
+    level = next((bases[base] for base in LEVEL_NAMES if base in bases), None)
     for unit, pairs in _PLACE_NAMES.items():
         for x, y in pairs:
             # latitude and longitude in a log are what the phone itself took for its place, unless a person was there
@@ -174,12 +174,12 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     time = _time_column(table, {name: base for name, (base, _) in named.items()}, shared=shared)
     if time is not None:
         found["time"] = time
-        stated = _unit_of("time_unit", named[time][1]) or _unit_of("time_unit", _unit_in(named[time][0]))
+        stated = unit_of("time_unit", named[time][1]) or unit_of("time_unit", unit_in(named[time][0]))
         found["time_unit"] = stated or _time_unit(table, time, assumed)
     for kind in ("accel", "gyro", "mag", "baro"):
         if kind in found:
             name = found[kind] if kind == "baro" else found[kind][0]
-            unit = _unit_of(f"{kind}_unit", named[name][1])
+            unit = unit_of(f"{kind}_unit", named[name][1])
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
     return ColumnMap(**found), assumed
 
@@ -193,16 +193,16 @@ def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:
 
 def _sensor_by(unit: str) -> str:
     """The sensor that alone is measured in a unit; g is of accelerations."""
-    return next((kind for kind in ("accel", "gyro", "mag") if _unit_of(f"{kind}_unit", unit)), "")
+    return next((kind for kind in ("accel", "gyro", "mag") if unit_of(f"{kind}_unit", unit)), "")
 
 
-def _unit_in(base: str) -> str:
+def unit_in(base: str) -> str:
     """The unit of a time whose name has no separator before it: `timens`, `tms`."""
-    if _unit_of("time_unit", base):
+    if unit_of("time_unit", base):
         return base
     texts = sorted((text for texts in _UNIT_NAMES["time_unit"].values() for text in texts), key=len, reverse=True)
     ends = (text for text in texts if len(text) > 1 and base.endswith(text))
-    return next((text for text in ends if base.removesuffix(text) in _TIME_NAMES or "time" in base), "")
+    return next((text for text in ends if base.removesuffix(text) in TIME_NAMES or "time" in base), "")
 
 
 def doubted_unit(table: DelimitedTable, columns: ColumnMap) -> str:
@@ -286,7 +286,7 @@ def _without_fillers(name: str) -> str:
     return name
 
 
-def _split_unit(name: str) -> tuple[str, str]:
+def split_unit(name: str) -> tuple[str, str]:
     """A column name in small letters without blanks and without its unit, and the unit."""
     unit = ""
     if match := _UNIT_TEXT.search(name):
@@ -310,7 +310,7 @@ def _is_unit(text: str, base: str) -> bool:
     """Whether the end of a name is a unit; a letter is one of times, and g of accelerations."""
     if text == "g":
         return any(sensor_of(stem)[0] in ("accel", "linear") for _, stem in _axes_of(base))
-    return text not in _LETTERS or base in _TIME_NAMES
+    return text not in _LETTERS or base in TIME_NAMES
 
 
 def _axes_of(base: str) -> list[tuple[str, str]]:
@@ -321,7 +321,7 @@ def _axes_of(base: str) -> list[tuple[str, str]]:
     )
 
 
-def _unit_of(kind: str, text: str) -> str:
+def unit_of(kind: str, text: str) -> str:
     return next((unit for unit, texts in _UNIT_NAMES[kind].items() if text in texts), "") if text else ""
 
 
@@ -366,9 +366,9 @@ def _is_pressure(table: DelimitedTable, name: str) -> bool:
 def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: bool) -> str | None:
     """The column of the time; of several the one with most different values: dates may be to the second."""
     exact = sorted(
-        (_TIME_NAMES.index(base.removesuffix(_unit_in(base)) or base), name)
+        (TIME_NAMES.index(base.removesuffix(unit_in(base)) or base), name)
         for name, base in bases.items()
-        if (base.removesuffix(_unit_in(base)) or base) in _TIME_NAMES
+        if (base.removesuffix(unit_in(base)) or base) in TIME_NAMES
     )
     found = [name for _, name in exact] or [name for name, base in bases.items() if "time" in base]
     different = {name: len({str(value) for value in table.columns[name][:_MAX_SEEN]}) for name in found}

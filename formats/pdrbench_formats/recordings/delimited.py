@@ -27,7 +27,7 @@ _MAX_NAMED: Final = 12
 _BLANK: Final = re.compile(rb"\s*")
 _MISSING: Final = ("", "nan", "none", "null", "na", "n/a", "-", "--", "?")
 BLANKS: Final = " "  # any number of blanks or tabs between two fields
-_COMMENTS: Final = ("#", "%", "//", "!")
+COMMENTS: Final = ("#", "%", "//", "!")
 _COMMENT_LINE: Final = re.compile(rb"^(?:[#%!]|//).*\n?", re.M)
 _MAX_ODD: Final = 0.02  # of all rows: more lines that are no row are a fault of the whole file
 _MIN_ODD: Final = 3
@@ -159,7 +159,7 @@ def read_delimited(
     if not names:
         raise RecordingError(f"{path}: line {layout.line or 1}: no names of columns; export the file with a header")
     content, begin = _without_comments(content, begin, dropped)
-    decimal = decimal or _decimal(content[begin : begin + _SAMPLE_BYTES], separator)
+    decimal = decimal or decimal_of(content[begin : begin + _SAMPLE_BYTES], separator)
     if decimal == ",":
         mended["decimal commas"] += 1
     first_line = layout.first_line
@@ -266,9 +266,9 @@ def _layout_of(lines: list[str], separator: str | None) -> Layout | None:
 
 
 def _layout_by(lines: list[str], separator: str) -> Layout | None:
-    fields = [line.split() if separator == BLANKS else split_header(line, separator) for line in lines]
+    fields = [line.lstrip("#%!/ ").split() if separator == BLANKS else split_header(line, separator) for line in lines]
     numeric = [
-        0 if line.startswith(_COMMENTS) else sum(map(_is_number, row)) for line, row in zip(lines, fields, strict=True)
+        0 if line.startswith(COMMENTS) else sum(map(_is_number, row)) for line, row in zip(lines, fields, strict=True)
     ]
     rows = [place for place, count in enumerate(numeric) if count > 1 and 2 * count >= len(fields[place]) - 1]
     if not rows:
@@ -280,7 +280,7 @@ def _layout_by(lines: list[str], separator: str) -> Layout | None:
         for place in range(first)
         if width <= len(fields[place]) <= width + 1 and not numeric[place] and not any(map(_is_number, fields[place]))
     ]
-    header = next((place for place in above if not lines[place].startswith(_COMMENTS)), *above[:1] or (None,))
+    header = next((place for place in above if not lines[place].startswith(COMMENTS)), *above[:1] or (None,))
     if header is None:
         return Layout([str(1 + place) for place in range(width)], separator)
     names, units, first = fields[header], {}, header + 1
@@ -323,11 +323,11 @@ def _tabbed(content: bytes) -> bytes:
     return b"\n".join([b"\t".join(line.split()) for line in content.split(b"\n")])
 
 
-def split_header(header: str, separator: str) -> list[str]:
-    """Names in a header line, without quotes and blanks around them; a separator at the end names nothing."""
+def split_header(header: str, separator: str, *, drop: bool = True) -> list[str]:
+    """Names in a header line, without quotes and blanks around them; a separator at the end names nothing if `drop`."""
     kept = _QUOTED.sub(lambda match: match.group(1).replace(separator, "\0"), header)
     names = [name.strip().replace("\0", separator) for name in kept.rstrip("\r\n").split(separator)]
-    while names and not names[-1]:
+    while drop and names and not names[-1]:
         names.pop()
     return names
 
@@ -338,14 +338,14 @@ def _separator(header: str) -> str:
     return best if plain.count(best) else ","
 
 
-def _decimal(sample: bytes, separator: str) -> str:
+def decimal_of(sample: bytes, separator: str) -> str:
     """ "," where the first rows write numbers so; never where commas part the columns."""
     return "," if separator != "," and _DECIMAL_COMMA.search(sample) else "."
 
 
 def _without_comments(content: bytes, begin: int, dropped: Counter[str]) -> tuple[bytes, int]:
     """The rows without lines that begin as a comment, and where they begin."""
-    marks = [mark.encode() for mark in _COMMENTS]
+    marks = [mark.encode() for mark in COMMENTS]
     found = content.startswith(tuple(marks), begin) or any(content.find(b"\n" + mark, begin) >= 0 for mark in marks)
     if not found:
         return content, begin

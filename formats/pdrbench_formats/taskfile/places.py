@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -15,11 +15,39 @@ from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame, frame_at
+from pdrbench.io.text import clean_text
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
+from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
+from pdrbench_formats.recordings.columnmap import clock as clock_of
+from pdrbench_formats.recordings.delimited import (
+    BLANKS,
+    COMMENTS,
+    DelimitedTable,
+    decimal_of,
+    find_layout,
+    split_header,
+)
 
 CLOCKS: Final = {"t_s": 1.0, "unix_s": 1.0, "unix_ms": 1e-3}  # columns of time, and their unit in seconds
 FRAMES: Final = (("x_m", "y_m"), ("lat_deg", "lon_deg"))
 EXAMPLE: Final = "t_s,x_m,y_m,level"
+SENDER, STRENGTH = "access_point", "rssi_dbm"
+_ALIASES: Final = {  # without capitals, blanks and unit
+    "x_m": ("x", "xm", "tx", "px", "posx", "positionx", "gtx", "refx", "east", "easting"),
+    "y_m": ("y", "ym", "ty", "py", "posy", "positiony", "gty", "refy", "north", "northing"),
+    "lat_deg": ("lat", "latdeg", "latitude"),
+    "lon_deg": ("lon", "lng", "long", "londeg", "longitude"),
+    "level": LEVEL_NAMES,
+    SENDER: ("accesspoint", "bssid", "mac", "macaddress", "macaddressofap", "apmac", "ap", "address"),
+    STRENGTH: ("rssidbm", "rssi", "rss", "signalstrength", "signal"),
+    "age_s": ("age",),
+}
+_KNOWN: Final = {base: name for name, bases in _ALIASES.items() for base in bases}
+_METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+_TUM: Final = ("t_s", "x_m", "y_m", "z", "qx", "qy", "qz", "qw")  # in files without a header, as evo and others write
+_MAX_DEGREES: Final = 0.02  # between places named x and y that are degrees: 2 km, and in metres nowhere to walk to
+_STEPS_S: Final = (0.0009, 100.0)  # between places
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -61,10 +89,10 @@ def moved(reference: Trajectory, xy_m: FloatArray, turn_rad: float = 0.0) -> Tra
 
 
 def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, GeoFrame | None]:
-    """Places from a CSV table: `t_s,x_m,y_m,level`; also `unix_s` or `unix_ms` for the time, `lat_deg,lon_deg`.
+    """Places from a table, in any dialect that recordings are read in: `t_s,x_m,y_m,level`, TUM, dates, degrees.
 
     Args:
-        path: Of the table; commas, semicolons or tabs. Without a column `level` all is on level 0.
+        path: Of the table. Without a column of levels all is on level 0.
         start_unix_s: Time 0 of the walk in seconds since 1970; needed for times since 1970.
 
     Returns:
@@ -150,33 +178,100 @@ class PlaceTable:
 
 
 def read_table(path: Path, example: str) -> PlaceTable:
-    """Reads a small table.
+    """Reads a small table, with columns under the names of `example` whatever they are called.
 
     Args:
-        path: Of the table; commas, semicolons or tabs.
+        path: Of the table: any separator, decimals, encoding and comments that recordings are read with.
         example: A header, for messages.
 
     Raises:
         RecordingError: It cannot be read, has no line below the header, or a line has another number of fields.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        content = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}; check the path") from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: byte {error.start} is not UTF-8; save it as UTF-8") from error
-    header = text.partition("\n")[0]
-    reader = csv.reader(text.splitlines(), delimiter=max(",;\t", key=header.count))
-    names = [name.strip() for name in next(reader, [])]
-    rows, lines = [], []
-    for fields in filter(None, reader):
-        if len(fields) != len(names):
-            raise RecordingError(f"{path}: line {reader.line_num}: {len(fields)} fields, the header has {len(names)}")
-        rows.append(fields)
-        lines.append(reader.line_num)
-    if not rows:
+    content = clean_text(content, path, latin_1=True).content if content.strip() else b""
+    layout = find_layout(content)
+    if layout is None:
         raise RecordingError(f"{path}: no places; write a line {example} and one for each place below it")
-    return PlaceTable(path, dict(zip(names, zip(*rows, strict=True), strict=True)), lines)
+    names = list(layout.names)
+    if not layout.line and layout.separator == BLANKS and len(names) == len(_TUM):
+        names = list(_TUM)
+    rows, lines = [], []
+    first = layout.first_line - 1
+    body = content.decode().split("\n")[first:]
+    decimal = decimal_of("\n".join(body)[:4096].encode(), layout.separator)
+    for line, text in enumerate(body, first + 1):
+        fields = text.split() if layout.separator == BLANKS else split_header(text, layout.separator, drop=False)
+        if not text.strip() or text.startswith(COMMENTS):
+            continue
+        if len(fields) == len(names) + 1 and not fields[-1]:
+            fields.pop()
+        if len(fields) != len(names):
+            raise RecordingError(f"{path}: line {line}: {len(fields)} fields, the header has {len(names)}")
+        rows.append([field.replace(",", ".") for field in fields] if decimal == "," else fields)
+        lines.append(line)
+    columns = {name: list(values) for name, values in zip(names, zip(*rows, strict=True), strict=True)}
+    return PlaceTable(path, _canonical(columns), lines)
+
+
+def table_names(content: bytes) -> set[str]:
+    """Names of the columns of a table under the names that are used here; none of anything else."""
+    layout = find_layout(content)
+    return set() if layout is None else set(_canonical({name: ["0"] for name in layout.names}))
+
+
+def _canonical(columns: Mapping[str, list[str]]) -> dict[str, Sequence[str]]:
+    """Columns by the names of `EXAMPLE` and of surveys, in metres, degrees and seconds; others as they are."""
+    found: dict[str, Sequence[str]] = {}
+    for name, values in columns.items():
+        base, unit = split_unit(name)
+        own = name if name in CLOCKS or name in _ALIASES else _KNOWN.get(base, "")
+        scale = _METRES.get(unit, 1.0) if own in FRAMES[0] else 1.0
+        if own and own not in found:
+            found[own] = values if scale == 1.0 else [repr(_number(value) * scale) for value in values]
+        elif not own and (base in TIME_NAMES or unit_in(base)) and not found.keys() & CLOCKS.keys():
+            clock, times = _clock(values, unit_of("time_unit", unit) or unit_of("time_unit", unit_in(base)))
+            found[clock] = times
+        else:
+            found[name] = values
+    if found.keys() >= set(FRAMES[0]) and not found.keys() & set(FRAMES[1]) and _are_degrees(found, columns):
+        found["lat_deg"], found["lon_deg"] = found.pop("x_m"), found.pop("y_m")
+    if found.keys() >= set(FRAMES[1]) and max(map(abs, map(_number, found["lat_deg"]))) > 90.0:
+        found["x_m"], found["y_m"] = found.pop("lon_deg"), found.pop("lat_deg")  # as UJIIndoorLoc has them
+    return found
+
+
+def _are_degrees(found: Mapping[str, Sequence[str]], columns: Mapping[str, object]) -> bool:
+    """Whether columns called X and Y, as the Anyplace Logger has them, are latitude and longitude."""
+    if "x_m" in columns or not all(name.strip().lstrip("# ") in ("X", "Y", "x", "y") for name in _named_xy(columns)):
+        return False
+    xy = np.array([[_number(value) for value in found[name]] for name in FRAMES[0]])
+    return SENDER in found and bool((np.abs(xy).min(axis=1) > 1.0).all() and (np.ptp(xy, axis=1) < _MAX_DEGREES).all())
+
+
+def _named_xy(columns: Mapping[str, object]) -> list[str]:
+    return [name for name in columns if _KNOWN.get(split_unit(name)[0]) in FRAMES[0]]
+
+
+def _clock(values: Sequence[str], unit: str) -> tuple[str, Sequence[str]]:
+    """Column of `CLOCKS` and its values, of times in a unit, of dates, or of numbers whose unit their steps say."""
+    times = np.array([_number(value) for value in values])
+    if np.isnan(times).all() and len(times):
+        table = DelimitedTable(Path("time"), {"time": np.array(values, dtype=object)}, 1, Counter(), Counter())
+        try:
+            t_s, first_s = clock_of(table, "time", "datetime")
+        except RecordingError:
+            return "t_s", values
+        return ("unix_s" if unix_s(first_s) is not None else "t_s"), [repr(first_s + t) for t in t_s.tolist()]
+    first, steps = (float(np.nanmin(times)) if len(times) else 0.0), np.diff(np.sort(times))
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    likely = [one for one, s in SECONDS_IN.items() if unix_s(first * s) is not None]
+    likely += [one for one, s in SECONDS_IN.items() if _STEPS_S[0] <= usual * s <= _STEPS_S[1]]
+    scale = SECONDS_IN[unit or next(iter(likely), "s")]
+    clock = "unix_s" if unix_s(first * scale) is not None else "t_s"
+    return clock, values if scale == 1.0 else [repr(time * scale) for time in times.tolist()]
 
 
 def _number(text: str) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -13,16 +13,19 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame
+from pdrbench.io.text import from_utf16
 from pdrbench.radio.surveys import survey_of_readings
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench_formats.recordings.opaque import opaque_id
-from pdrbench_formats.taskfile.places import CLOCKS, FRAMES, read_table
+from pdrbench_formats.taskfile.places import CLOCKS, FRAMES, SENDER, STRENGTH, PlaceTable, read_table, table_names
 
-SENDER, STRENGTH = "access_point", "rssi_dbm"
 SURVEY_EXAMPLE: Final = f"x_m,y_m,level,{SENDER},{STRENGTH}"
 MIN_DBM: Final = -127.0  # of the sensor `wifi`
 MAX_NUMBER: Final = 2**53  # exact as a float
-MAX_HEADER_BYTES: Final = 4096
+MAX_HEADER_BYTES: Final = 65_536  # UJIIndoorLoc names 520 access points
+_NOT_RECEIVED: Final = (100.0, 0.0)  # of UJIIndoorLoc; of tables that leave it blank in their own way
+_ACCESS_POINT: Final = re.compile(r"(?:WAP|AP)_?\d+|(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}", re.I)
+_MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -109,13 +112,47 @@ def is_survey_table(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        header = file.readline(MAX_HEADER_BYTES).decode("utf-8", "replace")
-    names = set(re.split(r"[,;\t\s\ufeff]+", header))
-    return bool(names & {SENDER, STRENGTH}) or (any(set(pair) <= names for pair in FRAMES) and not names & set(CLOCKS))
+        content = from_utf16(file.read(MAX_HEADER_BYTES))
+    names = table_names(content)
+    has_places = any(set(pair) <= names for pair in FRAMES)
+    return bool(names & {SENDER, STRENGTH}) or (has_places and (not names & set(CLOCKS) or bool(_senders(names))))
+
+
+def _senders(names: Iterable[str]) -> list[str]:
+    """Columns that are access points, of a table with a row for each scan."""
+    found = [name for name in names if _ACCESS_POINT.fullmatch(name)]
+    return found if len(found) >= _MIN_SENDERS else []
+
+
+def _by_reading(table: PlaceTable) -> PlaceTable:
+    """A table with a row for each scan as one with a row for each reading; any other as it is."""
+    senders = _senders(table.columns)
+    if not senders or SENDER in table.columns:
+        return table
+    rssi_dbm = np.array([[_strength(text) for text in table.columns[name]] for name in senders]).T
+    scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, _NOT_RECEIVED))
+    columns = {
+        name: [values[row] for row in scan.tolist()] for name, values in table.columns.items() if name not in senders
+    }
+    columns[SENDER] = [senders[k] for k in of.tolist()]
+    columns[STRENGTH] = [repr(value) for value in rssi_dbm[scan, of].tolist()]
+    columns["scan"] = [str(row) for row in scan.tolist()]
+    return PlaceTable(table.path, columns, [table.lines[row] for row in scan.tolist()])
+
+
+def _strength(text: str) -> float:
+    """A field of a table by scans; NaN where it is empty or no number."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
 
 
 def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
-    """A radio survey from a CSV table with a line for each reading: `x_m,y_m,level,access_point,rssi_dbm`.
+    """A radio survey from a table with a line for each reading: `x_m,y_m,level,access_point,rssi_dbm`.
+
+    Or with a line for each scan, whose columns are access points, as UJIIndoorLoc has it; also as the Anyplace Logger
+    writes it.
 
     An access point is an address as recordings have it, or the number that stands for it. Lines that follow each other
     with the same place, and the same number in the column `scan` where there is one, are a scan; so an access point
@@ -128,7 +165,7 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
     Raises:
         RecordingError: Names file, line and remedy.
     """
-    table = read_table(path, SURVEY_EXAMPLE)
+    table = _by_reading(read_table(path, SURVEY_EXAMPLE))
     if not table.has_places or not {SENDER, STRENGTH} <= set(table.columns):
         raise RecordingError(
             f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of a survey has {SURVEY_EXAMPLE}, "

@@ -23,6 +23,7 @@ from pdrbench_formats.taskfile.files import FileFacts, beside, places_of, read_w
 from pdrbench_formats.taskfile.places import PlanAlignment, moved
 from pdrbench_formats.taskfile.schema import StartTable, TaskFile, WalkTable
 from pdrbench_formats.taskfile.survey import (
+    SURVEY_EXAMPLE,
     Scans,
     begun_at,
     is_survey_table,
@@ -169,7 +170,13 @@ class WalkReader:
         """
         place = beside(self.path, table.file)
         if not is_survey_table(place):
-            return scans_of_recording(self.recording(table)), False
+            try:
+                return scans_of_recording(self.recording(table)), False
+            except RecordingError as error:
+                if not place.is_file():
+                    raise
+                why = f"{error}; to be a survey, the file is a recording with scans, or a table {SURVEY_EXAMPLE}"
+                raise RecordingError(why) from error
         scans, geo = read_survey_table(place)
         return dataclasses.replace(scans, xy_m=self._in_frame(scans.xy_m, geo, place.name)), True
 
