@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -109,6 +109,10 @@ class Task:
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Itself: nothing of it changes. Gymnasium copies what an environment was made with into its `spec`."""
+        return self
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))

@@ -7,7 +7,7 @@ import textwrap
 import gymnasium
 import pytest
 
-from pdrbench.registry import environments
+from pdrbench.registry import environments, make_task
 
 
 def test_every_environment_is_registered_by_string() -> None:
@@ -42,3 +42,10 @@ def test_a_broken_plug_in_does_not_break_the_import(tmp_path, module) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "broken" in done.stdout or "'no id'" in done.stdout
+
+
+def test_an_environment_of_a_task_object_has_a_spec() -> None:
+    task = make_task("CampusStride-v1")
+    env = gymnasium.make("pdrbench/CampusStride-v1", task=task, split="train")
+    assert env.spec is not None and env.spec.id == "pdrbench/CampusStride-v1"
+    assert env.spec.kwargs["task"] is task

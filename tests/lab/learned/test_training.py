@@ -232,6 +232,25 @@ def test_own_recordings_are_a_source(tmp_path) -> None:
         gather(windows_of_sources(("own",), 0))
 
 
+def test_what_a_task_file_names_is_trained_on_in_any_format(tmp_path) -> None:
+    """CSV without an attitude, places beside it with decimal commas; walks of other splits are left out."""
+    recording = train_person(0, walk_s=12.0)
+    accel, gyro = (recording.streams[name].rows for name in ("accel", "gyro"))
+    rows = np.column_stack([accel, *(np.interp(accel[:, 0], gyro[:, 0], axis) for axis in gyro[:, 1:].T)])
+    way = recording.reference
+    for name in ("one", "two"):
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
+        places = [f"{t:.3f};{x:.4f};{y:.4f}" for t, (x, y) in zip(way.t_s, way.xy_m, strict=True)]
+        (tmp_path / f"{name}_truth.csv").write_text("\n".join(["t_s;x_m;y_m", *places, ""]).replace(".", ","))
+    walks = '[[walk]]\nfile = "one.csv"\nsplit = "train"\nmounting = "hand"\n[[walk]]\nfile = "two.csv"\n'
+    (tmp_path / "task.toml").write_text(walks)
+    windows, (row,) = gather(windows_of_sources(("own",), 0, recordings=tmp_path))
+    assert row["source"] == "own" and len(windows) > 40
+    (tmp_path / "task.toml").write_text(walks.replace("train", "val"))
+    with pytest.raises(DatasetError, match="no walk of the split 'train'"):
+        gather(windows_of_sources(("own",), 0, recordings=tmp_path))
+
+
 def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
     load_or_gather(tmp_path, ("people",), 1, "val")
     with pytest.raises(PdrbenchError, match="another folder"):
