@@ -31,7 +31,7 @@ from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, r
 ENV: Final = "WifiFingerprints-v1"
 DATASET: Final = "wifi_fingerprints"
 TRAIN_WALKS: Final = {"LIB1": 4, "TUT3": 8, "UJI1": 8}  # by set, of each fold; LIB1 has 48 training places
-PAUSE_S: Final = 300.0  # between scans, so that whoever walks can be anywhere at the next
+PAUSE_S: Final = 600.0  # between scans, so that whoever walks can be anywhere at the next
 CAPACITY: Final = 1024  # more than there are access points in any set: a scan comes with one observation
 TEST_WALKS: Final = 40  # of each set
 FOLDS: Final = 5  # of the training places; the first is val
@@ -45,7 +45,7 @@ of four or five levels (Torres-Sospedra et al. 2014), TUT3 a building of five (L
 library (Mendoza-Silva et al. 2018). Places are metres on the ground; a published error of UJI1 is in metres of Web
 Mercator, of which one is 0.766 m there.
 
-**Handed out** every 300 s: one scan. Places follow in an order that says nothing, none twice in a row, so that a scan
+**Handed out** every 600 s: one scan. Places follow in an order that says nothing, none twice in a row, so that a scan
 is to be placed by itself, as the papers do. **Given**: a radio map at surveyed places; nothing of the start.
 
 **Scores** of the papers: `mean_m` and `level_hit_rate`. Levels of different buildings share numbers; a wrong building

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 PLACE: Final = ("x_m", "y_m", "level")
 NOT_HEARD: Final = 100.0  # as UJIIndoorLoc and its like have it, beside NaN
-PAUSE_S: Final = 300.0  # between scans without a time: whoever walks can be anywhere at the next
+PAUSE_S: Final = 600.0  # between scans without a time: whoever walks can be anywhere at the next
 
 
 def survey_of(table: RadioMap | ScanTable) -> RadioMap:

@@ -163,6 +163,37 @@ def test_the_level_is_that_whose_access_points_are_strong(rng: np.random.Generat
         assert localizer.step(Observation(1.0, {"wifi": rows})).level == level
 
 
+def test_of_two_places_alike_one_is_answered_and_not_the_middle(rng: np.random.Generator) -> None:
+    """Two wings 160 m apart receive the same access points alike; a scan fits both, and nobody is in between."""
+    wing_m = lines_of(3.0, 15.0, 27.0)
+    shifts_m = np.array([0.0, 160.0])
+    both_m = np.concatenate([wing_m + np.array([shift_m, 0.0]) for shift_m in shifts_m])
+    one = survey(rng, wing_m)
+    readings = np.tile(np.column_stack([one.access_point, one.rssi_dbm, one.age_s]), (2, 1))
+    counts = np.tile(np.diff(one.first), 2)
+    alike = survey_of_readings(both_m, 0, np.zeros(len(both_m), dtype=np.int64), counts, readings, surveyed=True)
+    off_m = {}
+    for answer_m in (30.0, np.inf):
+        localizer = GpWifi(GpWifiParams(answer_m=answer_m))
+        localizer.reset(brief(alike), rng)
+        estimate = localizer.step(Observation(1.0, {"wifi": scan(1.0, strength_dbm(np.array([[8.0, 6.0]]))[0])}))
+        off_m[answer_m] = np.abs(estimate.xy_m[0] - 8.0 - shifts_m).min()
+        assert estimate.sigma_m is not None and estimate.sigma_m > 40.0
+    assert off_m[30.0] < 20.0 < 50.0 < off_m[np.inf]
+
+
+def test_a_pause_longer_than_a_way_across_begins_anew(rng: np.random.Generator) -> None:
+    known = survey(rng, lines_of(3.0, 15.0, 27.0))
+    here, there = (strength_dbm(np.array([[x_m, 15.0]]))[0] for x_m in (4.0, 36.0))
+    localizer, fresh = GpWifi(), GpWifi()
+    localizer.reset(brief(known), rng)
+    fresh.reset(brief(known), rng)
+    localizer.step(Observation(1.0, {"wifi": scan(1.0, here)}))
+    again = localizer.step(Observation(901.0, {"wifi": scan(901.0, there)}))
+    first = fresh.step(Observation(1.0, {"wifi": scan(1.0, there)}))
+    np.testing.assert_allclose(again.xy_m, first.xy_m, atol=0.5)
+
+
 def test_an_offset_of_the_device_is_learned(rng: np.random.Generator) -> None:
     localizer = GpWifi(GpWifiParams(offset_sigma_db=4.0, trust=1.0))
     localizer.reset(brief(survey(rng, lines_of(3.0, 15.0, 27.0))), rng)
