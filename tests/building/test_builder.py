@@ -239,7 +239,7 @@ def test_whatever_is_drawn_becomes_valid_polygons_or_an_error_that_says_so(
                 builder.add_walkable(np.array(outline) + level * off).add_wall(shapely.LineString(outline))
             builder.add_door([door, (door[0] + 1.0, door[1] + off)])
         for kind in ("stairs", "lift"):
-            builder.connect(kind, levels=(0, 1), polygon=np.array(stair) + (6.0 if kind == "lift" else 0.0))  # type: ignore[arg-type]
+            builder.connect(kind, levels=(0, 1), polygon=np.array(stair) + (6.0 if kind == "lift" else 0.0))
         building = builder.build()
     except MapError as error:
         assert "outline" in str(error) or "nothing to walk on" in str(error)
