@@ -18,14 +18,18 @@ NETWORKS: Final = DOCS.parent / "baselines" / "pdrbench_baselines" / "learned"
 RECORDS: Final = {  # files and JSON whose fields are those of a record
     "A result: `Result`": ("pdrbench.result:Result",),
     "Where a localizer was: `Estimates`": ("pdrbench.trajectory:Estimates",),
-    "A bundle: `manifest.json`": (
-        "pdrbench_leaderboard.manifest:Manifest",
-        "pdrbench_leaderboard.manifest:EnvironmentRecord",
-        "pdrbench_leaderboard.manifest:WalkRecord",
-    ),
     "A card: `card.toml`": ("pdrbench_leaderboard.card:Card",),
-    "What maintainers found: `verification.json`": ("pdrbench_leaderboard.verification:Verification",),
-    "A suite": ("pdrbench_leaderboard.suites:Suite", "pdrbench_leaderboard.suites:SuiteEnvironment"),
+    "A bundle: `manifest.json`": ("pdrbench_leaderboard.bundle:Manifest",),
+    "An entry of a board: `entry.json`": (
+        "pdrbench_leaderboard.record:EntryRecord",
+        "pdrbench_leaderboard.record:PartRecord",
+        "pdrbench_leaderboard.record:DivisionRecord",
+    ),
+    "The walks of a board: `walks.json`": (
+        "pdrbench_leaderboard.record:PartWalks",
+        "pdrbench_leaderboard.record:Walk",
+    ),
+    "A board": ("pdrbench_leaderboard.boards:Board", "pdrbench_leaderboard.boards:BoardEnvironment"),
     "A dataset": ("pdrbench.datasets:Dataset", "pdrbench.datasets:DataFile"),
     "A localizer in a folder: `localizer.toml`": (
         "pdrbench.localizer_folder:Settings",

@@ -12,19 +12,6 @@ from pathlib import Path
 from pdrbench.evaluation import evaluate
 
 WITHOUT_POSIX = Path(__file__).parent / "without_posix"
-SMALL_SUITE = """
-    import sys
-    from pdrbench.cli import main
-    from pdrbench_leaderboard import suites
-    from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
-    small = Suite(
-        name="small-v1", summary="For tests.", seeds=1, metrics=("mean_m",), commitment="0" * 64, held_out_walks=2,
-        environments=(SuiteEnvironment(env="OfficeStride-v2", walks=2, noise_m=0.05),),
-    )
-    known = {**suites.suites(), small.name: small}
-    suites.suites = lambda: known
-    main(sys.argv[1:])
-"""
 
 
 def run(code: str, *arguments: object, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -37,13 +24,6 @@ def run(code: str, *arguments: object, folder: Path, **variables: str) -> subpro
         encoding="utf-8",
         check=False,
     )
-
-
-def pdrbench_command(*arguments: object, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Runs a command; its standard error shows why it failed where it did."""
-    done = run("from pdrbench.cli import main; main()", *arguments, folder=folder, **variables)
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 def test_every_module_is_imported(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Submissions: suites, bundles, checking, verification, confinement, and the leaderboards made of them."""
+"""Boards: what is played on them, submissions, confinement, ranks and pages."""
+
+BOARDS = {"leaderboard": "pdrbench_leaderboard.boards:ranked_walks"}
 
 LAUNCHERS = {"confined": "pdrbench_leaderboard.confine.launching:ConfinedLauncher"}
 

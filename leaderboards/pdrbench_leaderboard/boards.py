@@ -14,6 +14,7 @@ from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, unknown_name
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
+from pdrbench_leaderboard.replays import num_replays
 from pdrbench_leaderboard.schema import Line, Name, Record, Sha256
 
 BOARDS_FILE: Final = "boards.toml"
@@ -30,7 +31,6 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
     """What a board takes of one environment."""
 
     env: Name  # id, with its version
-    noise_m: Annotated[float, msgspec.Meta(ge=0)]  # error of the reference: no walk counts as better
     walks: Count | None = None  # first so many of the public test split; None: all
     held_out_walks: Count | None = None  # likewise
 
@@ -43,6 +43,20 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
     def parts(self) -> tuple[Part, ...]:
         """Parts that are played: of recorded walks the replays only, which count as held out."""
         return PARTS if self.is_generated else ("held-out",)
+
+    @property
+    def ranked_walks(self) -> int:
+        """How many walks of it rank."""
+        if self.held_out_walks is not None:
+            return self.held_out_walks
+        return num_replays(len(make_task(self.env).split("test")))
+
+    def first(self, count: int | None) -> BoardEnvironment:
+        """The same with at most so many walks of each part; None: all."""
+        if count is None:
+            return self
+        fewer = {name: min(getattr(self, name) or count, count) for name in ("walks", "held_out_walks")}
+        return msgspec.structs.replace(self, **fewer)
 
     @property
     def has_data(self) -> bool:
@@ -113,6 +127,11 @@ def _file() -> _File:
 def boards() -> Mapping[str, Board]:
     """Every board by name, in the order of the pages."""
     return {name: msgspec.structs.replace(board, name=name) for name, board in _file().boards.items()}
+
+
+def ranked_walks() -> Mapping[str, Mapping[str, int]]:
+    """How many walks of each environment rank, by board."""
+    return {name: {of.env: of.ranked_walks for of in board.environments} for name, board in boards().items()}
 
 
 def find_board(name: str) -> Board:

@@ -1,7 +1,7 @@
 """`.pdrz`: a submission as one file, a zip whose members are stored as they are.
 
-`manifest.json`, `card.toml`, `estimates/<env>.bin`, and `source/<file>` where files travel with it. Nothing in the zip
-is compressed (estimates are, each walk on its own with its length), so that nothing can swell when read.
+`manifest.json`, `card.toml`, and `source/<file>` where code travels with it. Nothing in the zip is compressed, so that
+nothing can swell when read.
 """
 
 from __future__ import annotations
@@ -12,20 +12,18 @@ import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal
 
 import msgspec
 
 from pdrbench.errors import BundleError
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
-from pdrbench_leaderboard.entry import Entry, make_entry
-from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest, check_version
-from pdrbench_leaderboard.schema import read_json, write_json
+from pdrbench_leaderboard.schema import Line, Name, Record, Sha256, read_json, write_json
 
+SCHEMA: Final = 4
 SUFFIX: Final = ".pdrz"
 MANIFEST_FILE: Final = "manifest.json"
 SOURCE: Final = "source/"
-ESTIMATES: Final = "estimates/"
 MAX_BUNDLE_BYTES: Final = 256_000_000
 MAX_MEMBERS: Final = 20_000
 MAX_TEXT_BYTES: Final = 32_000_000  # of the manifest
@@ -40,40 +38,33 @@ LOCAL_HEADER_BYTES: Final = 30
 ENCRYPTED: Final = 0x1
 
 
+class Manifest(Record, frozen=True, kw_only=True):
+    """What a bundle says of itself."""
+
+    schema: Literal[4]  # version of this format
+    # What is played: a registered id, `file.py:Class` of a file in `source`, or the archive of a folder there
+    spec: Line
+    card_sha256: Sha256  # of `card.toml`
+    source: Annotated[dict[Name, Sha256], msgspec.Meta(max_length=20)]  # digests by name of what travels with it
+
+
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A submission."""
+    """A submission: code and a card."""
 
-    manifest: Manifest  # what was run
+    spec: str  # as in `Manifest`
     card: Card  # what its authors say of it
-    estimates: Mapping[str, bytes]  # by environment: of its walks, one block after the other
     source: Mapping[str, bytes]  # content by name of the files that travel with it
-
-    @property
-    def content_sha256(self) -> str:
-        """Digest of the manifest, which holds those of everything else."""
-        return hashlib.sha256(write_json(self.manifest)).hexdigest()
-
-    def entry(self, record: EnvironmentRecord) -> Entry:
-        """That of one environment; raises `BundleError` where parts do not belong together."""
-        manifest = msgspec.structs.replace(self.manifest, environments=(record,), unsuitable={}, absent=())
-        return make_entry(manifest, self.card, self.estimates.get(record.env, b""), record.env)
-
-    def entries(self) -> list[Entry]:
-        """One for each environment; raises as `entry`."""
-        return [self.entry(record) for record in self.manifest.environments]
 
 
 def write_bundle(bundle: Bundle) -> bytes:
     """The bytes of a bundle: the same for the same submission."""
-    members = {MANIFEST_FILE: write_json(bundle.manifest), CARD_FILE: card_toml(bundle.card)}
-    members |= {_member(record): bundle.estimates[record.env] for record in bundle.manifest.environments}
+    card = card_toml(bundle.card)
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(bundle.source.items())}
+    manifest = Manifest(schema=SCHEMA, spec=bundle.spec, card_sha256=hashlib.sha256(card).hexdigest(), source=digests)
+    members = {MANIFEST_FILE: write_json(manifest), CARD_FILE: card}
     members |= {SOURCE + name: content for name, content in sorted(bundle.source.items())}
     return write_members(members)
-
-
-def _member(record: EnvironmentRecord) -> str:
-    return f"{ESTIMATES}{record.env}.bin"
 
 
 def write_members(members: Mapping[str, bytes]) -> bytes:
@@ -99,7 +90,6 @@ def read_bundle(content: bytes) -> Bundle:
             raise BundleError(f"the bundle lacks {name}; `pdrbench submit pack` writes it")
         if len(members[name]) > MAX_TEXT_BYTES:
             raise BundleError(f"{name} has {len(members[name])} bytes, {MAX_TEXT_BYTES} are allowed")
-    check_version(members[MANIFEST_FILE], MANIFEST_FILE)
     manifest = read_json(members.pop(MANIFEST_FILE), Manifest, MANIFEST_FILE)
     text = members.pop(CARD_FILE)
     _check_digest(text, manifest.card_sha256, CARD_FILE)
@@ -111,15 +101,9 @@ def read_bundle(content: bytes) -> Bundle:
         if len(file) > MAX_SOURCE_BYTES:
             raise BundleError(f"{SOURCE}{name} has {len(file)} bytes, {MAX_SOURCE_BYTES} are allowed")
         _check_digest(file, manifest.source[name], SOURCE + name)
-    estimates = {}
-    for record in manifest.environments:
-        if _member(record) not in members:
-            raise BundleError(f"the bundle lacks {_member(record)}, or the manifest lists it twice")
-        estimates[record.env] = members.pop(_member(record))
-        _check_digest(estimates[record.env], record.estimates_sha256, _member(record))
     if members:
         raise BundleError(f"the manifest does not list {min(members)}")
-    return Bundle(manifest=manifest, card=card, estimates=estimates, source=source)
+    return Bundle(manifest.spec, card, source)
 
 
 def _check_digest(content: bytes, sha256: str, name: str) -> None:

@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import msgspec
 
@@ -35,7 +35,6 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         map_used: Whether it uses the building.
         survey_used: Whether it uses the radio survey.
         training_data: What anything in it was learned or tuned on; "none" where nothing was.
-        division: "online", or "offline" where it revises its past.
         contact: How to reach the authors.
         paper: Citation.
         url: Of the code or the paper, http or https.
@@ -49,7 +48,6 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     map_used: bool
     survey_used: bool
     training_data: Annotated[Passage, msgspec.Meta(min_length=1)]
-    division: Literal["online", "offline"]
     contact: Remark = ""
     paper: Annotated[str, msgspec.Meta(max_length=1000)] = ""
     url: Url = ""
@@ -65,7 +63,6 @@ FIELDS: Final = {
     "map_used": "true or false, without quotes",
     "survey_used": "true or false, without quotes",
     "training_data": 'text in quotes, up to 4000 characters; "none" where nothing was learned',
-    "division": '"online", or "offline" where it has a method revise()',
     "contact": "text in quotes, up to 400 characters",
     "paper": "text in quotes, up to 1000 characters",
     "url": "an address in quotes that begins with http:// or https://",
@@ -159,7 +156,6 @@ sensors_used = []  # that it reads where they are offered, as in ["accel", "gyro
 map_used = false  # whether it uses briefing.building
 survey_used = false  # whether it uses briefing.radio_map
 training_data = ""  # what anything in it was learned or tuned on; "none" where nothing was
-division = "online"  # "offline" where it has a method revise()
 contact = ""
 paper = ""
 url = ""
@@ -174,7 +170,6 @@ EXAMPLE: Final = Card(
     map_used=False,
     survey_used=False,
     training_data="none",
-    division="online",
 )
 
 

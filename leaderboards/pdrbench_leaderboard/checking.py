@@ -1,183 +1,138 @@
-"""`submit check`: whether a submission is whole, scores, and looks as an honest one does."""
+"""`leaderboard check`: whether what is kept of the boards holds together, and how much each board can tell."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import msgspec
+import numpy as np
 
-from pdrbench.errors import PdrbenchError
-from pdrbench.evaluation.tables import Results
-from pdrbench.registry import localizers, make_task
-from pdrbench.result import OFFLINE
-from pdrbench.sensors import SENSORS
-from pdrbench.settings import split_name
-from pdrbench.task import commitment
-from pdrbench_leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
-from pdrbench_leaderboard.entry import MAX_FILE_BYTES, Entry, read_entry
-from pdrbench_leaderboard.folder_archive import folder_findings
-from pdrbench_leaderboard.held_out import scored_again
-from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest
-from pdrbench_leaderboard.plausibility import Finding, flags
-from pdrbench_leaderboard.schema import read_limited
-from pdrbench_leaderboard.suites import Suite, find_suite
-from pdrbench_leaderboard.verification import HELD_OUT_FILE
+from pdrbench.errors import DatasetError, PdrbenchError
+from pdrbench.evaluation import answers
+from pdrbench.registry import make_task
+from pdrbench_leaderboard import table
+from pdrbench_leaderboard.boards import Board, find_round
+from pdrbench_leaderboard.draw import make_truth, opaque_names
+from pdrbench_leaderboard.record import (
+    PartWalks,
+    is_verified,
+    list_entries,
+    numbers,
+    read_answers,
+    read_entry,
+    read_walks,
+)
+from pdrbench_leaderboard.schema import Finding
+from pdrbench_leaderboard.score import METRICS, walk_values
+from pdrbench_leaderboard.standings import Entry, Table, read_tables
 
-READS: Final = "reads, and every digest fits"
+SAMPLED: Final = 2  # walks of each part whose scores are computed again
+SAME: Final = 0.01  # difference of a score that two machines may have
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
-    """What came of a check."""
+class Told:
+    """How much a board tells."""
 
-    findings: tuple[Finding, ...]  # rules, then flags
-    entries: tuple[Entry, ...]  # one for each environment that could be read
-
-    @property
-    def passed(self) -> bool:
-        """Whether every rule is kept; flags do not count."""
-        return all(finding.passed or finding.is_flag for finding in self.findings)
+    board: str
+    entries: int
+    pairs: int
+    significant: int
 
 
-def load_bundle(path: Path) -> Bundle:
-    """The bundle in a file; raises `BundleError`."""
-    return read_bundle(read_limited(path, MAX_BUNDLE_BYTES))
+def told(board: Board, tables: Sequence[Table]) -> Told:
+    """Entries of a board, and pairs of them that are told apart, both divisions together."""
+    names = {row.name for of in tables for row in of.rows}
+    return Told(board.name, len(names), sum(of.num_pairs for of in tables), sum(of.num_apart for of in tables))
 
 
-def bundle_of(entry: Entry) -> Bundle:
-    """An entry as the bundle of one environment, without source."""
-    manifest = msgspec.structs.replace(entry.manifest, source={})
-    return Bundle(manifest=manifest, card=entry.card, estimates={entry.env: entry.estimates}, source={})
+def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Finding]:
+    """Checks every entry of a board and its table.
 
+    An entry passes where its files belong together, and where the scores of some walks come out of its answers. What
+    needs recorded data that is not found, or a secret that is not published, passes and says so.
 
-def check(path: Path) -> Checked:
-    """Checks a file `*.pdrz` or a folder `leaderboards/<env>/<localizer>`; what cannot be read is a finding."""
-    try:
-        if path.is_dir():
-            entry = read_entry(path)
-            return _with_scores([*rules(entry), _tier(entry), *held_out_findings(entry, path)], [entry])
-        bundle = load_bundle(path)
-    except PdrbenchError as error:
-        return Checked((Finding(READS, False, str(error)),), ())
-    return check_bundle(bundle)
-
-
-def check_bundle(bundle: Bundle) -> Checked:
-    """Checks a bundle that could be read."""
-    try:
-        entries = bundle.entries()
-        suite = find_suite(bundle.manifest.suite)
-    except PdrbenchError as error:
-        return Checked((Finding(READS, False, str(error)),), ())
-    findings = [Finding(READS, True), _coverage(bundle.manifest, suite), *folder_findings(bundle.source)]
-    for entry in entries:
-        findings += [finding for finding in rules(entry) if finding not in findings]
-    return _with_scores(findings, entries)
-
-
-def rules(entry: Entry) -> list[Finding]:
-    """Everything that is looked at in one entry but its scores.
-
-    Raises:
-        UnknownNameError: There is no such suite, or the environment is none of it.
+    Args:
+        root: Holds the boards.
+        board: To be checked.
+        sampled: Walks of each part whose scores are computed again.
     """
-    suite, manifest, card = find_suite(entry.suite), entry.manifest, entry.card
-    is_honest = card.division == OFFLINE or entry.division != OFFLINE
-    name, is_registered = manifest.localizer, split_name(manifest.spec)[0] in localizers()
-    findings = [
-        Finding(READS, True),
-        _walks(entry.record, manifest, suite),
-        _period(entry.record),
-        Finding(f"{entry.env}: division", is_honest, f"{entry.division}, the card says {card.division}"),
-    ]
-    if split_name(name)[0] in localizers() and manifest.spec != name:
-        findings.append(Finding("name", False, f"{name} is registered: choose another name in the card"))
-    else:
-        findings.append(Finding("name", True, f"no other distribution registers {name}"))
-    why = (
-        "with its source" if manifest.source else "registered" if is_registered else "only its authors can run it again"
-    )
-    findings.append(Finding("can be run again", bool(manifest.source) or is_registered, why, is_flag=True))
-    unknown = [sensor for sensor in card.sensors_used if sensor not in SENSORS]
-    if unknown:
-        findings.append(Finding("sensors of the card", False, f"no sensor is named {', '.join(unknown)}"))
-    return findings
+    walks = read_walks(root / board.name)
+    entries: list[Entry] = []
+    for folder in list_entries(root, board.name):
+        try:
+            entry = Entry(*read_entry(folder), folder)
+            if not is_verified(folder, entry.record):
+                yield Finding(f"{board.name}/{folder.name}", True, "listed, not ranked: no maintainer has played it")
+            entries.append(entry)
+        except PdrbenchError as error:
+            yield Finding(f"{board.name}/{folder.name}", False, str(error))
+    for entry in entries:
+        yield _whole(board, entry, walks.values())
+    for of in walks.values():
+        yield from _scores(board, entries, of, sampled)
+    yield _table(root, board)
 
 
-def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Checked:
-    """Scores, and flags, where every rule is kept."""
-    found = list(findings)
-    if all(finding.passed or finding.is_flag for finding in found):
-        for entry in entries:
-            found += _scores(entry)
-    return Checked(tuple(found), tuple(entries))
+def _whole(board: Board, entry: Entry, walks: Collection[PartWalks]) -> Finding:
+    name = f"{board.name}/{entry.name}"
+    for of in walks:
+        for division in ("online", "offline"):
+            found = entry.division(of, division)
+            if found is not None and len(found.statuses) != len(of.walks):
+                return Finding(name, False, f"{of.env}, {of.part}: {len(found.statuses)} of {len(of.walks)} walks")
+    return Finding(name, True)
 
 
-def _tier(entry: Entry) -> Finding:
-    found = entry.verification
-    return Finding("tier", True, entry.tier if found is None else f"{found.tier} on {found.date}, signed")
-
-
-def held_out_findings(entry: Entry, folder: Path) -> list[Finding]:
-    """Whether the signed scores come out of the estimates, once the secret and the estimates of a round are public."""
-    found = entry.verification and entry.verification.held_out
-    suite = find_suite(entry.suite)
-    secrets = [secret for secret in suite.published if found and commitment(secret) == found.round]
-    if not found or not secrets or not (folder / HELD_OUT_FILE).is_file():
-        return []
-    content = read_limited(folder / HELD_OUT_FILE, MAX_FILE_BYTES)
-    again = scored_again(found, content, entry.env, secrets[0], suite)
-    why = "" if again == found else "they do not come out of the estimates on the walks of the published secret"
-    return [Finding(f"{entry.env}: held-out scores", again == found, why)]
-
-
-def _coverage(manifest: Manifest, suite: Suite) -> Finding:
-    named = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
-    reported = named
-    wanted = {listed.env for listed in suite.environments}
-    missing, strange = sorted(wanted - reported), sorted(reported - wanted)
-    why = f"{len(wanted)} environments"
-    if missing or strange:
-        why = f"lacks {', '.join(missing)}" if missing else f"{', '.join(strange)} is none of {suite.name}"
-    return Finding("reports every environment of the suite", not (missing or strange), why)
-
-
-def _walks(record: EnvironmentRecord, manifest: Manifest, suite: Suite) -> Finding:
-    """Every walk of the suite with every seed, in order."""
-    name = f"{record.env}: every walk and seed"
+def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: int) -> Iterator[Finding]:
+    """Whether scores of the first walks come out of the answers."""
+    name = f"{board.name}: {walks.env}, {walks.part}"
+    secret = find_round(walks.round).secret
+    if not secret:
+        yield Finding(name, True, f"not scored: the secret of round {walks.round} is not published")
+        return
+    listed = board.environment(walks.env)
     try:
-        walks = suite.walks(record.env)
+        names = opaque_names(listed, walks.part, secret)
+        task = make_task(walks.env, secret)
+        truths = [make_truth(task, task.load(names[walk.name])) for walk in walks.walks[:sampled]]
+    except (DatasetError, KeyError) as error:
+        is_absent = isinstance(error, DatasetError)
+        yield Finding(name, is_absent, f"not scored: {error}" if is_absent else "its walks are others by now")
+        return
+    for entry in entries:
+        found = entry.division(walks, "online")
+        if found is None:
+            continue
+        whole, _ = answers.decode(read_answers(entry.folder), entry.name, found.begin)
+        first, wrong = 0, ""
+        for place, (walk, truth) in enumerate(zip(walks.walks, truths, strict=False)):
+            rows = whole[:, first : first + walk.moments]
+            first += walk.moments
+            if found.statuses[place] != "c":
+                continue
+            again = walk_values(answers.from_whole_numbers(rows, truth.reference.t_s, answers.COARSE), truth)
+            for metric in METRICS:
+                stated = numbers(found.values[metric])[place]
+                if not np.isclose(again[metric], stated, rtol=SAME, atol=SAME, equal_nan=True):
+                    wrong = f"{metric} of walk {walk.name} is {stated:.4g}, its answers give {again[metric]:.4g}"
+        yield Finding(f"{name}: {entry.name}", not wrong, wrong)
+
+
+def _table(root: Path, board: Board) -> Finding:
+    path = root / board.name / table.FILE_NAME
+    name = f"{board.name}/{table.FILE_NAME}"
+    try:
+        tables = read_tables(root, board)
     except PdrbenchError as error:
         return Finding(name, False, str(error))
-    seeds = 1 if record.deterministic else manifest.seeds
-    if not record.deterministic and manifest.seeds < suite.seeds:
-        return Finding(name, False, f"{manifest.seeds} seeds; {suite.name} has {suite.seeds} where they matter")
-    wanted = [(walk, seed) for walk in walks for seed in range(seeds)]
-    came = [(walk.walk, walk.seed) for walk in record.walks]
-    lacking = [pair for pair in wanted if pair not in came]
-    if lacking:
-        return Finding(name, False, f"lacks walk {lacking[0][0]} with seed {lacking[0][1]}")
-    return Finding(name, wanted == came, f"{len(came)} runs, {len(wanted)} expected")
-
-
-def _period(record: EnvironmentRecord) -> Finding:
-    """The times of estimates follow from the period, so that another one moves them along the walk."""
-    period_s = make_task(record.env).period_s
-    why = f"{record.period_s:g} s between observations; the environment has {period_s:g} s"
-    return Finding(f"{record.env}: period", record.period_s == period_s, "" if record.period_s == period_s else why)
-
-
-def _scores(entry: Entry) -> Iterator[Finding]:
-    suite = find_suite(entry.suite)
-    try:
-        results = Results(entry.results)
-        metrics = results.rows()[0]["metrics"]
-        values = {name: metrics.get(name, {}).get("value") for name in suite.metrics}
-        shown = (f"{name} {'–' if value is None else f'{value:.4g}'}" for name, value in values.items())
-        yield Finding(f"{entry.env}: scores", True, ", ".join(shown))
-        yield from flags(entry, suite.environment(entry.env), results.scored)
-    except PdrbenchError as error:
-        yield Finding(f"{entry.env}: scores", False, str(error))
+    found = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if not found and not tables:
+        return Finding(name, True)
+    wanted = table.page(board, tables)
+    if found == wanted:
+        return Finding(name, True)
+    line = next((line for line in wanted.splitlines() if line not in found.splitlines()), "a line is too many")
+    return Finding(name, False, f"{line[:120]}: write it anew with `pdrbench leaderboard build`")

@@ -81,9 +81,8 @@ class Truth(msgspec.Struct, array_like=True, frozen=True):
     building: Building | None
     fallback: Start  # where the pedestrian counts as being before the first answer
     unit: str
-    group: str
+    groups: tuple[str, ...]
     duration_s: float
-    diagonal_m: float  # of the box around building and reference
     walk: str  # id in its environment
 
 
@@ -111,10 +110,16 @@ class DrawnPart:
         return read_index(self.observations)
 
 
-def made_by(env: str) -> str:
-    """Versions of what draws the walks of an environment: where they agree, drawn walks are used again."""
+def made_by(listed: BoardEnvironment) -> str:
+    """Versions of what draws the walks of an environment, and how many: what agrees is used again."""
     packages = sorted({"pdrbench_leaderboard", *environment_packages()})
-    parts = [environment_version(env), versions()["numpy"], *(package_sha256(name) for name in packages)]
+    numbers = (listed.walks, listed.held_out_walks)
+    parts = [
+        environment_version(listed.env),
+        numbers,
+        versions()["numpy"],
+        *(package_sha256(name) for name in packages),
+    ]
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
@@ -137,12 +142,11 @@ def draw(
     import joblib
 
     drawn = DrawnPart(listed.env, part, folder / listed.env / part)
-    now = made_by(listed.env)
+    now = made_by(listed)
     if (drawn.observations / INDEX_FILE).is_file() and drawn.index.made_by == now:
         return drawn
     task = make_task(listed.env, secret)
-    key = hmac.new(secret.encode(), f"{listed.env}\n{part}".encode(), hashlib.sha256).hexdigest()
-    names = {_name(key, walk): walk for walk in listed.walks_of(part, secret)}
+    names = opaque_names(listed, part, secret)
     make_folder(drawn.observations)
     make_folder(drawn.truth)
     tasks = (joblib.delayed(_draw_walk)(listed.env, secret, walk, name, drawn) for name, walk in names.items())
@@ -169,8 +173,13 @@ def draw(
     return drawn
 
 
-def _name(key: str, walk: str) -> str:
-    return hmac.new(key.encode(), walk.encode(), hashlib.sha256).hexdigest()[:NAME_DIGITS]
+def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str, str]:
+    """Ids of the walks of a part by the names that localizers' machines know them under."""
+    key = hmac.new(secret.encode(), f"{listed.env}\n{part}".encode(), hashlib.sha256).hexdigest()
+    return {
+        hmac.new(key.encode(), walk.encode(), hashlib.sha256).hexdigest()[:NAME_DIGITS]: walk
+        for walk in listed.walks_of(part, secret)
+    }
 
 
 def _draw_walk(env: str, secret: str, walk: str, name: str, drawn: DrawnPart) -> str:
@@ -180,23 +189,20 @@ def _draw_walk(env: str, secret: str, walk: str, name: str, drawn: DrawnPart) ->
     rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
     content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))
     write_whole(drawn.observations / f"{name}{SUFFIX}", content)
-    write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(_truth(task, recording)))
+    write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(make_truth(task, recording)))
     return hashlib.sha256(content).hexdigest()
 
 
-def _truth(task: Task, recording: Recording) -> Truth:
-    building, reference = recording.building, recording.reference
-    corners_m = reference.xy_m
-    if building is not None:
-        corners_m = np.concatenate([corners_m, np.reshape(building.bounds_m(), (2, 2))])
+def make_truth(task: Task, recording: Recording) -> Truth:
+    """What only scoring may see of a recording."""
+    building = recording.building
     return Truth(
-        reference=scored_moments(reference),
+        reference=scored_moments(recording.reference),
         building=building,
         fallback=task.fallback(recording),
         unit=task.units.get(recording.id, "" if building is None else building.name),
-        group=task.groups.get(recording.id, ""),
+        groups=task.groups.get(recording.id, ()),
         duration_s=recording.end_s,
-        diagonal_m=float(np.hypot(*np.ptp(corners_m, axis=0))),
         walk=recording.id,
     )
 

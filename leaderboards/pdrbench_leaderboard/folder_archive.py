@@ -29,7 +29,7 @@ from pdrbench.localizer_folder import (
 )
 from pdrbench_leaderboard.bundle import read_members, write_members
 from pdrbench_leaderboard.packages import Locked, parse_lock
-from pdrbench_leaderboard.plausibility import Finding
+from pdrbench_leaderboard.schema import Finding
 
 ARCHIVE_FILE: Final = "folder.zip"  # its name in a bundle
 MAX_WEIGHTS_INSIDE: Final = 48_000_000  # bytes of all that travel with it

@@ -1,26 +1,28 @@
-"""`pdrbench leaderboard build|check|serve|verify|key`."""
+"""`pdrbench leaderboard run|build|check|serve|key`."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
 
 from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import BundleError, ResultError
+from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder
 
 if TYPE_CHECKING:
     from http.server import ThreadingHTTPServer
 
-app = typer.Typer(no_args_is_help=True, help="Build, check, show and verify the leaderboards.")
+app = typer.Typer(no_args_is_help=True, help="Play, build, check and show the boards.")
 keys = typer.Typer(no_args_is_help=True, help="For maintainers: keys that sign verifications.")
 app.add_typer(keys, name="key")
 
 HOST: Final = "127.0.0.1"  # reachable from this machine only
-Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <env>/<localizer>/.")]
+Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <board>/<entry>/.")]
 
 
 @app.command("run")
@@ -30,7 +32,7 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="LOCALIZER",
-            help="Registered id, path/to/file.py:Class or path/to/folder; repeat for several.",
+            help="Registered id, path/to/file.py:Class, path/to/folder or bundle.pdrz; repeat for several.",
             show_default="every entry, and every localizer of pdrbench",
         ),
     ] = None,
@@ -50,6 +52,10 @@ def run(
         Literal["public", "held-out"] | None,
         typer.Option(metavar="PART", help="Only public or only held-out walks.", show_default="both"),
     ] = None,
+    walks: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="At most N walks of each part, for a try.", show_default="all"),
+    ] = None,
     root: Root = Path("leaderboards"),
     work: Annotated[
         Path | None,
@@ -65,16 +71,26 @@ def run(
             metavar="KIND", help="What localizers run in.", show_default="process, confined where not registered"
         ),
     ] = None,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs entries.")
+    ] = None,
+    wheels: WheelsFolder = None,
+    weights: WeightsFolder = None,
+    packages: PackagesFolder = None,
     as_json: AsJson = False,
 ) -> None:
     """Play every entry on every board, public and held-out walks; what is done already is skipped."""
     with answer_only(as_json):
         from pdrbench.datasets import cache_folder
         from pdrbench_leaderboard.boards import PARTS, chosen_boards, find_round
+        from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.run import Settings
         from pdrbench_leaderboard.run import run as run_boards
+        from pdrbench_leaderboard.signing import check_listed
 
         of_round = find_round(round_number)
+        if key is not None:
+            check_listed(key, root)  # raises before anything is played
         settings = Settings(
             root=root,
             work=work or cache_folder() / "boards" / f"round-{of_round.number}",
@@ -83,7 +99,10 @@ def run(
             jobs=jobs,
             scheduler=scheduler,
             parts=PARTS if part is None else (part,),
+            walks=walks,
             isolation=isolation,
+            supplies=Supplies(wheels, weights, packages),
+            key=key,
             progress=True,
         )
         rows = []
@@ -93,11 +112,15 @@ def run(
                 outcome.why
                 or f"{len(outcome.played)} played, {len(outcome.kept)} done before, {len(outcome.declined)} declined"
             )
+            for name, why in outcome.refused.items():
+                note(f"REFUSED  {name}: {why}")
             note(f"{outcome.board}  {outcome.env}, {outcome.part}: {said}")
     if as_json:
         print_json({"parts": rows})
     else:
         say(f"{root} holds what came of it; `pdrbench leaderboard build` makes tables and pages")
+    if any(row["refused"] for row in rows):
+        raise typer.Exit(1)
 
 
 def read_secret(path: Path) -> str:
@@ -112,48 +135,58 @@ def read_secret(path: Path) -> str:
 def build(
     root: Root = Path("leaderboards"),
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the site.")] = Path("site"),
-    jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Score every entry, write TABLE.md of each environment and the static site; again only what has changed."""
+    """Write the table of each board, and the static site."""
     with answer_only(as_json):
-        from pdrbench.datasets import cache_folder
-        from pdrbench_leaderboard.collection import read_boards, write_tables
+        from pdrbench.evaluation.store import make_folder, write_whole
+        from pdrbench_leaderboard import table
+        from pdrbench_leaderboard.boards import boards
+        from pdrbench_leaderboard.checking import told
         from pdrbench_leaderboard.site import write_site
+        from pdrbench_leaderboard.standings import read_tables
 
-        boards, absent = read_boards(root, jobs, lambda env: note(f"scored {env}"), cache_folder() / "scores")
-        tables = write_tables(boards, root)
-        pages = write_site(boards, out, jobs)
-    for env, why in absent.items():
-        note(f"left out {env}: {why}")
+        tables = {name: read_tables(root, board) for name, board in boards().items()}
+        written = []
+        for name, of in tables.items():
+            written.append(make_folder(root / name) / table.FILE_NAME)
+            write_whole(written[-1], table.page(boards()[name], of).encode())
+        pages = write_site(tables, out)
+        rows = [dataclasses.asdict(told(boards()[name], of)) for name, of in tables.items()]
     if as_json:
-        rows = [
-            {"env": board.task.id, "entries": len(board), "first": board.ranked[0].name if board.ranked else None}
-            for board in boards
-        ]
-        print_json({"boards": rows, "absent": absent, "tables": tables, "site": out, "files": len(pages)})
-    else:
-        entries = sum(len(board) for board in boards)
-        say(f"{entries} entries, {len(boards)} leaderboards; open {out / 'index.html'}")
+        print_json({"boards": rows, "tables": written, "site": out, "files": len(pages)})
+        return
+    for row in rows:
+        say(f"{row['board']}: {row['entries']} entries, {row['significant']} of {row['pairs']} pairs told apart")
+    say(f"open {out / 'index.html'}")
 
 
 @app.command("check")
-def check(root: Root = Path("leaderboards"), jobs: Jobs = 1, as_json: AsJson = False) -> None:
-    """Check that every score recomputes from its estimates; exit 1 where one does not, naming the entry."""
+def check(root: Root = Path("leaderboards"), as_json: AsJson = False) -> None:
+    """Check that entries are whole, that scores come out of answers, and that tables are those of the entries."""
     with answer_only(as_json):
-        from pdrbench_leaderboard.collection import check_boards
+        from pdrbench_leaderboard.boards import boards
+        from pdrbench_leaderboard.checking import check_board, told
+        from pdrbench_leaderboard.standings import read_tables
 
-        checks = list(check_boards(root, jobs))
+        checks, rows = [], []
+        for board in boards().values():
+            checks += list(check_board(root, board))
+            with contextlib.suppress(BundleError):  # a check has said so
+                rows.append(told(board, read_tables(root, board)))
     if as_json:
-        rows = [{"name": c.name, "why": c.why, "has_other_code": c.is_flag, "pass": c.passed} for c in checks]
-        print_json({"checks": rows})
+        print_json(
+            {
+                "checks": [{"name": c.name, "pass": c.passed, "why": c.why} for c in checks],
+                "boards": [dataclasses.asdict(row) for row in rows],
+            }
+        )
     else:
         for found in checks:
             if found.why:
                 say(f"{'note' if found.passed else 'FAIL'}  {found.name}: {found.why}")
-        changed = sum(found.is_flag for found in checks)
-        if changed:
-            say(f"note  {changed} entries were packed with other code; that refuses none, only estimates decide")
+        for row in rows:
+            say(f"{row.board}: {row.entries} entries, {row.significant} of {row.pairs} pairs told apart")
         say(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")
     if not all(found.passed for found in checks):
         raise typer.Exit(1)
@@ -169,55 +202,6 @@ def serve(
     note(f"http://{HOST}:{server.server_port}/ (Ctrl-C ends)")
     with server:
         server.serve_forever()
-
-
-@app.command("verify")
-def verify(
-    secret: Annotated[
-        list[Path],
-        typer.Option(metavar="FILE", dir_okay=False, help="Secret behind held-out walks; repeat for several."),
-    ],
-    key: Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs what was found.")],
-    root: Root = Path("leaderboards"),
-    env: Annotated[
-        list[str] | None, typer.Option(metavar="ENV", help="Only this environment; repeat for several.")
-    ] = None,
-    results: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", file_okay=False, help="Keep every walk here, and continue what was left here."),
-    ] = None,
-    jobs: Jobs = 1,
-    as_json: AsJson = False,
-) -> None:
-    """For maintainers: run every entry again that is not verified in this round, and sign what came of it.
-
-    Exit 1 where an entry does not give what was sent. Entries that are verified already are left as they are.
-    """
-    with answer_only(as_json):
-        from pdrbench.cli.options import make_folder
-        from pdrbench_leaderboard.collection import verify_boards
-        from pdrbench_leaderboard.submit_command import read_secret, verified_facts, verified_line
-
-        if results is not None:
-            make_folder(results)
-        rows: list[dict[str, Any]] = []
-        for outcome in verify_boards(root, [read_secret(path) for path in secret], key, env or (), results, jobs):
-            facts = {"name": outcome.name, "why": outcome.why, "is_left_out": outcome.is_left_out}
-            facts |= {} if outcome.found is None else verified_facts(outcome.found)
-            rows.append(facts)
-            if outcome.why:
-                word = "left out" if outcome.is_left_out else "REFUSED"
-                note(f"{outcome.number} of {outcome.of}  {word}  {outcome.name}: {outcome.why}")
-            else:
-                note(f"{outcome.number} of {outcome.of}  {outcome.name}  {verified_line(facts)}")
-    refused = sum(bool(row["why"]) and not row["is_left_out"] for row in rows)
-    left_out = sum(row["is_left_out"] for row in rows)
-    if as_json:
-        print_json({"entries": rows})
-    else:
-        say(f"{len(rows) - refused - left_out} verified, {refused} refused, {left_out} left out of {len(rows)} entries")
-    if refused:
-        raise typer.Exit(1)
 
 
 @keys.command("new")

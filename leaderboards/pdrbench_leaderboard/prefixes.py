@@ -83,7 +83,6 @@ def check_prefixes(
     rng: np.random.Generator,
     *,
     num_prefixes: int = NUM_PREFIXES,
-    secret: str | None = None,
     isolation: Isolation = "confined",
 ) -> PrefixCheck:
     """Plays beginnings of a walk to fresh copies of a localizer and compares their answers with those of the result.
@@ -95,13 +94,12 @@ def check_prefixes(
         result: Of the whole walk, by the same sources, in whatever isolation.
         rng: Draws where the beginnings end; unknown to the localizer.
         num_prefixes: How many, of different lengths.
-        secret: Behind the walk, where it is held out.
         isolation: "confined" or "process", as for `evaluate`.
 
     Raises:
         ResultError: The localizer declined the walk, or its sources are others by now.
     """
-    job = _job(result, secret, isolation)
+    job = _job(result, isolation)
     memory: dict[str, Any] = {}
     whole = result.estimates
     if result.division == OFFLINE:
@@ -134,7 +132,7 @@ def first_difference(whole: Estimates, played: Result, length: int) -> PrefixDif
     )
 
 
-def _job(result: Result, secret: str | None, isolation: Isolation) -> WalkJob:
+def _job(result: Result, isolation: Isolation) -> WalkJob:
     """The job that plays the walk of a result with its localizer, parameters, budget and nonce."""
     who = f"walk {result.walk!r} of {result.localizer}"
     if result.status == UNSUITABLE:
@@ -151,6 +149,5 @@ def _job(result: Result, secret: str | None, isolation: Isolation) -> WalkJob:
         budget=Budget(**provenance["budget"]),
         isolation=isolation,
         nonce=str(provenance.get("nonce", "")),
-        secret=secret,
     )
     return job

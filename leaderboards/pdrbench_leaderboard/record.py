@@ -6,6 +6,7 @@ what it answered, one block for each part and division.
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,7 @@ import numpy as np
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.geometry import FloatArray
-from pdrbench_leaderboard.boards import Part
+from pdrbench_leaderboard.boards import Part, find_round
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench_leaderboard.draw import DrawnPart, read_truth, walks_sha256
 from pdrbench_leaderboard.schema import (
@@ -33,8 +34,9 @@ from pdrbench_leaderboard.schema import (
     read_limited,
 )
 from pdrbench_leaderboard.score import DIGITS, ScoredPart
+from pdrbench_leaderboard.signing import read_keys, sign, signed_text
 
-ENTRY_FILE, ANSWERS_FILE, WALKS_FILE = "entry.json", "answers.bin", "walks.json"
+ENTRY_FILE, ANSWERS_FILE, WALKS_FILE, SIGNATURE_FILE = "entry.json", "answers.bin", "walks.json", "signed.json"
 MAX_FILE_BYTES: Final = 64_000_000
 INFINITE: Final = 1e9  # JSON has no infinite numbers
 
@@ -46,9 +48,9 @@ class Walk(Record, frozen=True, array_like=True):
 
     name: Name
     unit: str  # of replication, as a digest
-    group: str  # stratum
+    groups: tuple[str, ...]  # strata
     duration_s: Number
-    diagonal_m: Number  # of the box around building and reference: how wrong an answer inside can be
+    moments: Count  # that are scored
 
 
 class PartWalks(Record, frozen=True, kw_only=True):
@@ -111,9 +113,7 @@ def part_walks(drawn: DrawnPart, round_number: int) -> PartWalks:
     for name in index.walks:
         truth = read_truth(drawn, name)
         unit = hashlib.sha256(f"{index.nonce}/{truth.unit}".encode()).hexdigest()[:8]
-        walks.append(
-            Walk(name, unit, truth.group, _rounded(truth.duration_s) or 0.0, _rounded(truth.diagonal_m) or 0.0)
-        )
+        walks.append(Walk(name, unit, truth.groups, round(truth.duration_s, 1), len(truth.reference)))
     return PartWalks(
         env=drawn.env,
         part=drawn.part,
@@ -229,6 +229,7 @@ def write_entry(
         parts=tuple(moved),
     )
     folder = make_folder(root / board / folder_name(card.name))
+    (folder / SIGNATURE_FILE).unlink(missing_ok=True)  # it was of what lay here before
     write_whole(folder / ANSWERS_FILE, content)
     write_whole(folder / CARD_FILE, card_toml(card))
     write_whole(folder / ENTRY_FILE, _lines(record))
@@ -249,6 +250,48 @@ def folder_name(entry: str) -> str:
     'li2012@map=false'
     """
     return entry.replace("?", "@")
+
+
+class Verification(Record, frozen=True, kw_only=True):
+    """What a maintainer signs: that this entry is what came of a run by a maintainer."""
+
+    board: Name
+    name: EntryName
+    entry_sha256: Sha256  # of `entry.json`, which holds the digest of the answers
+    date: datetime.date
+
+
+def sign_entry(folder: Path, key: Path) -> None:
+    """Signs an entry; raises `PrivateKeyError`."""
+    content = read_limited(folder / ENTRY_FILE, MAX_FILE_BYTES)
+    record = read_json(content, EntryRecord, str(folder))
+    found = Verification(
+        board=record.board,
+        name=record.name,
+        entry_sha256=hashlib.sha256(content).hexdigest(),
+        date=datetime.datetime.now(datetime.UTC).date(),
+    )
+    write_whole(folder / SIGNATURE_FILE, sign(found, key))
+
+
+def is_verified(folder: Path, record: EntryRecord) -> bool:
+    """Whether an entry ranks: a maintainer has signed it, or anybody can play the rounds that it is of.
+
+    Raises:
+        BundleError: It is signed, and with no listed key, or by one that was revoked, or it is another entry by now.
+    """
+    path = folder / SIGNATURE_FILE
+    if not path.is_file():
+        return all(find_round(part.round).secret for part in record.parts)
+    keys = read_keys(folder.parents[1])
+    body, key = signed_text(read_limited(path, MAX_FILE_BYTES), keys, str(path))
+    found = read_json(body.encode(), Verification, str(path))
+    digest = hashlib.sha256(read_limited(folder / ENTRY_FILE, MAX_FILE_BYTES)).hexdigest()
+    if (found.board, found.name, found.entry_sha256) != (record.board, record.name, digest):
+        raise BundleError(f"{path} is of another entry, or of this one before it was changed")
+    if found.date < key.since:
+        raise BundleError(f"{path} is of {found.date}, its key is valid from {key.since}")
+    return True
 
 
 def list_entries(root: Path, board: str) -> list[Path]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import msgspec
+import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.cluster import on_cluster
@@ -16,12 +18,15 @@ from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.process.launch import CONFINED, Isolation
 from pdrbench.registry import localizers
-from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.settings import split_name
 from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part, Round
-from pdrbench_leaderboard.card import CARD_FILE, Card, card_of, read_card
-from pdrbench_leaderboard.draw import DrawnPart, draw, made_by
+from pdrbench_leaderboard.bundle import SUFFIX
+from pdrbench_leaderboard.card import CARD_FILE, Card, card_of
+from pdrbench_leaderboard.draw import NAME_DIGITS, DrawnPart, draw, made_by
+from pdrbench_leaderboard.folders import Supplies
 from pdrbench_leaderboard.play import play
+from pdrbench_leaderboard.prefixes import check_prefixes
 from pdrbench_leaderboard.record import (
     ENTRY_FILE,
     PartRecord,
@@ -33,14 +38,17 @@ from pdrbench_leaderboard.record import (
     read_answers,
     read_entry,
     read_walks,
+    sign_entry,
     write_entry,
     write_walks,
 )
-from pdrbench_leaderboard.schema import MAX_TEXT_BYTES, read_limited
 from pdrbench_leaderboard.score import score_part
+from pdrbench_leaderboard.submission import find_card, unpack_bundle
 
 DISTRIBUTION: Final = "pdrbench"  # whose localizers are entries of every board that they suit
 ANSWERS: Final = "answers"  # below the folder of a round
+SENT: Final = "sent"  # likewise: bundles, unpacked
+CANARIES: Final = 0.05  # fraction of walks of which beginnings are played again
 SOURCE_FILE, SOURCE_FOLDER = "localizer.py", "localizer"  # that lie with an entry
 SOURCE_CLASS: Final = "Localizer"  # of such a file, where no record says another
 
@@ -86,7 +94,10 @@ class Settings:
         jobs: Processes.
         scheduler: Address of a Dask scheduler whose workers play; None: this machine.
         parts: That are played.
+        walks: At most so many of each part, for a try; None: all.
         isolation: Of localizers; None: "process" for registered ones, "confined" for others.
+        supplies: Wheels and weights of folders that were sent.
+        key: Private key that signs entries; None: they are not signed.
         progress: Shows on stderr how far it is.
     """
 
@@ -97,8 +108,22 @@ class Settings:
     jobs: int = 1
     scheduler: str | None = None
     parts: tuple[Part, ...] = ("public", "held-out")
+    walks: int | None = None
     isolation: Isolation | None = None
+    supplies: Supplies = field(default_factory=Supplies)
+    key: Path | None = None
     progress: bool = False
+
+    def isolation_of(self, entrant: Entrant) -> Isolation:
+        """What an entry runs in."""
+        return self.isolation or ("process" if entrant.is_registered else CONFINED)
+
+    def check(self, wanted: Sequence[Entrant]) -> None:
+        """Raises `BundleError` where a stranger's code would run unconfined beside a secret or a key."""
+        guarded = self.key is not None or not self.round.secret
+        for entrant in wanted if guarded else ():
+            if not entrant.is_registered and self.isolation_of(entrant) != CONFINED:
+                raise BundleError(f"{entrant.card.name} is not registered here: it is played confined beside a secret")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +136,7 @@ class Outcome:
     played: tuple[str, ...] = ()  # entries
     kept: tuple[str, ...] = ()  # entries that were done already
     declined: tuple[str, ...] = ()  # localizers that it suits on no walk
+    refused: Mapping[str, str] = field(default_factory=dict)  # why, by entry
     why: str = ""  # why it was left out
 
 
@@ -120,20 +146,20 @@ def entrants(board: str, root: Path, named: Sequence[str] = (), card: Path | Non
     Args:
         board: Name of the board.
         root: Holds the boards.
-        named: As `evaluate` takes them; a folder or a file has its card beside or inside.
-        card: Of the one that is named.
+        named: As `evaluate` takes them.
+        card: Of the one that is named, where it brings none.
 
     Raises:
         BundleError: One has no card.
     """
     if named:
-        return [Entrant(_absolute(spec), _card(spec, card)) for spec in named]
+        return [Entrant(_absolute(spec), find_card(spec, card)) for spec in named]
     ours = [name for name, entry in localizers().items() if entry.package == DISTRIBUTION]
     found = [Entrant(name, card_of(name)) for name in sorted(ours)]
     for path in sorted((root / board).glob(f"*/{CARD_FILE}")):
         spec = _spec_of(path.parent)
         if spec not in ours:
-            found.append(Entrant(spec, read_card(read_limited(path, MAX_TEXT_BYTES), str(path))))
+            found.append(Entrant(spec, find_card(spec, path)))
     return found
 
 
@@ -155,15 +181,6 @@ def _absolute(spec: str) -> str:
     return f"{Path(place).absolute()}{colon}{rest}" if is_path else spec
 
 
-def _card(spec: str, card: Path | None) -> Card:
-    place = Path(spec.partition(":")[0])
-    beside = [card, place / CARD_FILE, place.parent / CARD_FILE]
-    if split_name(spec)[0] in localizers():
-        beside = [card]
-    found = next((path for path in beside if path is not None and path.is_file()), None)
-    return card_of(spec) if found is None else read_card(read_limited(found, MAX_TEXT_BYTES), str(found))
-
-
 def run(
     boards: Sequence[Board], named: Sequence[str], settings: Settings, *, card: Path | None = None
 ) -> Iterator[Outcome]:
@@ -171,13 +188,25 @@ def run(
 
     Args:
         boards: To be played.
-        named: Localizers; all where there are none.
+        named: Localizers, or bundles that were sent; all entries where there are none.
         settings: How.
         card: Of the localizer, where one is named that brings none.
+
+    Raises:
+        BundleError: A bundle breaks a rule, a card is missing, or code that is not registered would run unconfined
+            beside a secret.
     """
+    bundles = [Path(spec) for spec in named if spec.endswith(SUFFIX)]
+    sent = []
+    for path in bundles:
+        place = settings.work / SENT / hashlib.sha256(path.read_bytes()).hexdigest()[:NAME_DIGITS]
+        sent.append(Entrant(*unpack_bundle(path, place, settings.supplies)))
     for board in boards:
-        wanted = entrants(board.name, settings.root, named, card)
-        for listed in board.environments:
+        others = [spec for spec in named if not spec.endswith(SUFFIX)]
+        wanted = [*sent, *(entrants(board.name, settings.root, others, card) if others or not sent else ())]
+        settings.check(wanted)
+        for each in board.environments:
+            listed = each.first(settings.walks)
             for part in listed.parts:
                 if part in settings.parts:
                     yield _run_part(board, listed, part, wanted, settings)
@@ -191,7 +220,7 @@ def _run_part(
     folder = settings.root / board.name
     walks = read_walks(folder)
     known = walks.get((listed.env, part))
-    todo = [one for one in wanted if not _is_done(folder, one, known, settings.round)]
+    todo = [one for one in wanted if not _is_done(folder, one, known, (settings.round.number, made_by(listed)))]
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
         return Outcome(board.name, listed.env, part, kept=kept)
@@ -201,39 +230,45 @@ def _run_part(
     results = _play(drawn, todo, settings)
     scored = score_part(drawn, results, jobs=settings.jobs)
     played, declined = [], {} if known is None or known.sha256 != now.sha256 else dict(known.declined)
+    refused: dict[str, str] = {}
     for one in todo:
         of = [result for result in results if result.localizer == one.spec]
         if all(result.status == UNSUITABLE for result in of):
             declined[one.card.name] = one.sha256
             continue
+        if found := _future(one, of, settings):
+            refused[one.card.name] = found
+            continue
         parts = [scored[one.spec, division] for division in (ONLINE, OFFLINE) if (one.spec, division) in scored]
         first = next(result for result in of if result.status != UNSUITABLE)
-        _enter(one, board.name, settings.root, part_record(now, parts, one.sha256, first.provenance))
+        _enter(one, board.name, settings, part_record(now, parts, one.sha256, first.provenance))
         played.append(one.card.name)
     now = msgspec.structs.replace(now, declined=declined)
     write_walks(folder, walks | {(listed.env, part): now})
     out = tuple(one.card.name for one in todo if one.card.name in declined)
-    return Outcome(board.name, listed.env, part, tuple(played), kept, out)
+    return Outcome(board.name, listed.env, part, tuple(played), kept, out, refused)
 
 
-def _enter(entrant: Entrant, board: str, root: Path, part: tuple[PartRecord, bytes]) -> None:
-    """Adds a part to an entry, in place of what it had there."""
-    folder = root / board / folder_name(entrant.card.name)
+def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRecord, bytes]) -> None:
+    """Adds a part to an entry, in place of what it had there, and signs it."""
+    folder = settings.root / board / folder_name(entrant.card.name)
     parts = [part]
     if (folder / ENTRY_FILE).is_file():
         record, _ = read_entry(folder)
         content = read_answers(folder)
         parts += [(of, answers_of(record, content, of)) for of in record.parts if of.place != part[0].place]
     spec, source = entrant.source
-    write_entry(root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
+    write_entry(settings.root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
     if source is not None:
         write_whole(folder / SOURCE_FILE, source)
+    if settings.key is not None:
+        sign_entry(folder, settings.key)
 
 
-def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, of_round: Round) -> bool:
+def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, now: tuple[int, str]) -> bool:
     """Whether the same code has played the same walks."""
     place = folder / folder_name(entrant.card.name)
-    if known is None or (known.round, known.made_by) != (of_round.number, made_by(known.env)):
+    if known is None or (known.round, known.made_by) != now:
         return False
     if known.declined.get(entrant.card.name) == entrant.sha256:
         return True
@@ -249,16 +284,30 @@ def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, of_round: 
 
 
 def _play(drawn: DrawnPart, todo: Sequence[Entrant], settings: Settings) -> tuple[Result, ...]:
-    """Strangers' code is confined, unless whoever runs it has asked for another isolation."""
     answers = make_folder(settings.work / ANSWERS / f"{drawn.env}-{drawn.part}")
+    by_isolation: dict[Isolation, list[str]] = {}
+    for one in todo:
+        by_isolation.setdefault(settings.isolation_of(one), []).append(one.spec)
     found: list[Result] = []
     with on_cluster(settings.scheduler):
-        for is_registered in (True, False):
-            specs = [one.spec for one in todo if one.is_registered == is_registered]
-            isolation: Isolation = settings.isolation or ("process" if is_registered else CONFINED)
-            if specs:
-                jobs = 1 if settings.scheduler else settings.jobs
-                found += play(
-                    drawn.observations, specs, answers, jobs=jobs, isolation=isolation, progress=settings.progress
-                )
+        jobs = 1 if settings.scheduler else settings.jobs
+        for isolation, specs in by_isolation.items():
+            found += play(
+                drawn.observations, specs, answers, jobs=jobs, isolation=isolation, progress=settings.progress
+            )
     return tuple(found)
+
+
+def _future(entrant: Entrant, results: Sequence[Result], settings: Settings) -> str:
+    """What shows that answers depend on what comes later, by beginnings of some walks; empty where nothing does."""
+    isolation = settings.isolation_of(entrant)
+    played = [result for result in results if result.status == COMPLETE and result.division == ONLINE]
+    if entrant.is_registered or isolation == "none" or not played:
+        return ""
+    rng = np.random.default_rng()  # no localizer knows which
+    chosen = rng.choice(len(played), math.ceil(len(played) * CANARIES), replace=False)
+    for place in chosen.tolist():
+        found = check_prefixes(played[place], rng, isolation=isolation)
+        if found.difference is not None:
+            return f"a walk that was cut short was answered otherwise: {found.difference}"
+    return ""

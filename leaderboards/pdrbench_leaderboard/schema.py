@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import stat
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, TypeVar
 
@@ -15,7 +16,6 @@ MAX_TEXT_BYTES: Final = 65_536  # of a card
 MAX_LINE_CHARACTERS: Final = 400
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
-Nonce = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{32})?\Z")]  # empty: randomness that is the same in every run
 Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_CHARACTERS)]
 Remark = Annotated[str, msgspec.Meta(max_length=MAX_LINE_CHARACTERS)]
 Passage = Annotated[str, msgspec.Meta(max_length=4000)]
@@ -27,6 +27,15 @@ EntryName = Annotated[
 Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
 
 Read = TypeVar("Read")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at."""
+
+    name: str
+    passed: bool  # whether it is as it should be
+    why: str = ""  # what was found
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

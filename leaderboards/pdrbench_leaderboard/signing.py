@@ -20,7 +20,7 @@ from pdrbench.errors import BundleError, ResultError
 from pdrbench_leaderboard.schema import Line, Name, Record, read_json, read_limited, read_toml, write_json
 
 KEYS_FILE: Final = "keys.toml"
-CONTEXT: Final = b"pdrbench verification 1\n"  # signed before the text: a signature is of nothing else
+CONTEXT: Final = b"pdrbench verification 2\n"  # signed before the text: a signature is of nothing else
 PRIVATE_MODE: Final = 0o600
 PRIVATE_DIGITS: Final = 64  # of the seed in hex
 MAX_BODY_CHARACTERS: Final = 16_000_000
@@ -93,13 +93,13 @@ def signed_text(content: bytes, keys: Keys, what: str) -> tuple[str, PublicKey]:
 
     signed = read_json(content, Signed, what)
     if not signed.key or not signed.signature:
-        raise MissingSignatureError(f"{what} is not signed: `pdrbench submit verify --key FILE` signs a verification")
+        raise MissingSignatureError(f"{what} is not signed: `pdrbench leaderboard run --key FILE` signs what it plays")
     key = keys.get(signed.key)
     if key is None:
         raise UnknownKeyError(f"{what} is signed with the key {signed.key!r}, which {KEYS_FILE} does not list")
     if key.revoked is not None:
         raise RevokedKeyError(
-            f"{what} is signed with the key {signed.key!r}, revoked on {key.revoked}: the entry is to be verified anew"
+            f"{what} is signed with the key {signed.key!r}, revoked on {key.revoked}: the entry is to be played anew"
         )
     try:
         public = Ed25519PublicKey.from_public_bytes(bytes.fromhex(key.public))

@@ -21,7 +21,6 @@ import psutil  # type: ignore[import-untyped]
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
-from pdrbench.process.budget import SuiteBudget
 from pdrbench.registry import PluginError
 
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
@@ -80,7 +79,6 @@ class JobContext:
     keeps: bool = True  # true where results are stored in `folder`; False where they are returned
     # What a process inherits and cannot learn later; a process of another world is not used again
     world: tuple[str, ...] = ()
-    suite_budget: SuiteBudget | None = None  # of each localizer, on all walks of a suite; None: no limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,6 @@ from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, ResultError, UnsuitableError
 from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.origin import environment_version, localizer_target, package_sha256, target_sha256
-from pdrbench.evaluation.protocol import TRIED_WALKS
 from pdrbench.evaluation.store import write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
@@ -27,6 +26,9 @@ from pdrbench.recording import MagneticMap
 from pdrbench.registry import localizers, make_task
 from pdrbench.settings import split_name
 
+TRIED_WALKS: Final = (
+    4  # of an environment; a localizer that declines them all declines it; every mounting is among them
+)
 TRUSTED: Final = "pdrbench"  # the distribution whose localizers may run in this process
 ROOM_M: Final = 5.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 MAX_REMEMBERED: Final = 20_000  # pairs of a localizer and an environment

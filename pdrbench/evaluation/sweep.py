@@ -20,7 +20,7 @@ from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, plan_walks
-from pdrbench.process.budget import Budget, SuiteBudget
+from pdrbench.process.budget import Budget
 from pdrbench.process.launch import Isolation
 from pdrbench.registry import canonical_localizer
 from pdrbench.task import HELD_OUT
@@ -44,7 +44,6 @@ def evaluate(
     parameters: Mapping[str, Any] | None = None,
     nonce: str = "",
     secret: str | None = None,
-    suite_budget: SuiteBudget | None = None,
 ) -> Results:
     """Runs localizers through walks and collects what they answered.
 
@@ -76,8 +75,6 @@ def evaluate(
             stored with the results. Empty: randomness that is the same in every run.
         secret: Behind the walks of the split "heldout" and their nonce: it stays in the trusted processes, and results
             name its sha256.
-        suite_budget: Wall time of each localizer on all walks of the suite that these are part of; those begun after
-            that fail without answers. Not with the isolation "none".
 
     Raises:
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not found, a full disk.
@@ -113,7 +110,6 @@ def evaluate(
             compute=compute_in_process if isolation == NONE else compute_in_child,
             keeps=out is not None,
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
-            suite_budget=suite_budget,
         )
         found = run_all(jobs_to_do, context, jobs, is_warm=True, progress=progress, what="walks")
     kept = None if out is None else context.folder / SCORES_FOLDER

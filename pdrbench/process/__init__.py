@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from pdrbench.process.budget import Budget, LocalizerExit, LocalizerTimeout, SuiteBudget, TimeAccount
+from pdrbench.process.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 
-__all__ = ["Budget", "LocalizerExit", "LocalizerTimeout", "SuiteBudget", "TimeAccount"]
+__all__ = ["Budget", "LocalizerExit", "LocalizerTimeout", "TimeAccount"]

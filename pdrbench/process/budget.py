@@ -1,15 +1,12 @@
-"""Time limits of a localizer: a mean pace, slack for steps that take longer, time to start, totals."""
+"""Time limits of a localizer: a mean pace, slack for steps that take longer, time to start, a total."""
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 from pdrbench.episode import REVISE, STEP
-from pdrbench.errors import PdrbenchError, ResultError
+from pdrbench.errors import PdrbenchError
 
 CONSTRUCTION = "construction"  # the call before `reset`, beside those that `episode` names
 
@@ -47,44 +44,6 @@ class Budget:
         finite = all(math.isfinite(value) for value in (self.pace, self.slack_s, self.start_s, self.walk_s))
         if not (finite and self.pace > 0 and self.slack_s >= 0 and self.start_s > 0 and self.walk_s > 0):
             raise PdrbenchError(f"a budget is positive and finite (slack may be 0); got {self}")
-
-
-@dataclass(frozen=True, slots=True)
-class SuiteBudget:
-    """Wall time that each localizer may take on all walks of a suite together.
-
-    What each walk took is written into a folder that all processes of the run see, one line for each walk, so that a
-    run that was stopped goes on with what was left.
-
-    Attributes:
-        folder: Of these records; made where it is missing.
-        limit_s: Ours: slower by a hundred than the slowest registered localizer, which takes eight minutes.
-    """
-
-    folder: Path
-    limit_s: float = 86_400.0
-
-    def left_s(self, localizer: str) -> float:
-        """What a localizer has left, 0 or more."""
-        taken_s: dict[str, float] = {}
-        with contextlib.suppress(FileNotFoundError):
-            for line in self._record(localizer).read_text().splitlines():
-                name, _, seconds = line.rpartition(" ")
-                taken_s[name] = float(seconds)
-        return max(self.limit_s - sum(taken_s.values()), 0.0)
-
-    def spend(self, localizer: str, walk: str, taken_s: float) -> None:
-        """Books a walk, whose name holds its seed and environment; raises `ResultError` where it cannot be written."""
-        record = self._record(localizer)
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with record.open("ab", buffering=0) as file:  # one write: lines of two processes do not mix
-                file.write(f"{walk} {taken_s:.3f}\n".encode())
-        except OSError as error:
-            raise ResultError(f"cannot write {record}: {error.strerror or error}") from error
-
-    def _record(self, localizer: str) -> Path:
-        return self.folder / f"{hashlib.sha256(localizer.encode()).hexdigest()[:16]}.time"
 
 
 class TimeAccount:

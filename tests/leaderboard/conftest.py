@@ -1,35 +1,36 @@
-"""A toy package with environments, a small suite, a file of submitted localizers, and a bundle of one of them."""
+"""A toy package with environments, a board of them, a file of submitted localizers, and a folder that was played."""
 
 from __future__ import annotations
 
-import datetime
 import importlib
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
 from pdrbench import registry
-from pdrbench.registry import make_task
-from pdrbench.task import commitment
-from pdrbench_leaderboard import signing, suites
-from pdrbench_leaderboard.bundle import Bundle
-from pdrbench_leaderboard.card import EXAMPLE, Card
-from pdrbench_leaderboard.pack import make_bundle, play_suite
-from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
-from pdrbench_leaderboard.verify import Terms
+from pdrbench_leaderboard import boards
+from pdrbench_leaderboard.boards import Board, BoardEnvironment, Round
+from pdrbench_leaderboard.card import EXAMPLE, Card, card_toml
+from pdrbench_leaderboard.run import Settings, run
 
 ENV, DEAF = "Toy-v1", "ToyDeaf-v1"  # submitted localizers decline the second
 STAY = "stay"  # a registered localizer
 SECRET = "5ec2e7" * 8
-NONCE, SECOND_NONCE = "0123456789abcdef" * 2, "fedcba9876543210" * 2
+TOY = Board(
+    name="toy",
+    title="Toy",
+    summary="Corridors.",
+    lost_m=2.0,
+    environments=(BoardEnvironment(env=ENV, held_out_walks=12), BoardEnvironment(env=DEAF, held_out_walks=2)),
+)
+ONE = msgspec.structs.replace(TOY, environments=TOY.environments[:1])  # where no entry declines anything
+ROUND = Round(number=0, secret=SECRET)
+CLASSES = ("Mine", "Wanders", "Lags", "Broken")
 SUBMITTED = '''
-import os
-
 import numpy as np
 
 from pdrbench import Estimate
@@ -54,17 +55,15 @@ class Wanders(Mine):
     spread_m = 0.5
 
 
-class UnsteadyElsewhere(Mine):
-    """Answers differ from process to process on walks that it does not know."""
+class Lags(Mine):
+    """Far behind, and revises nothing but that."""
 
     def step(self, observation):
         estimate = super().step(observation)
-        noise_m = 1e-3 * int.from_bytes(os.urandom(2), "big") if self.is_elsewhere else 0.0
-        return Estimate(xy_m=estimate.xy_m + noise_m, level=self.level)
+        return Estimate(xy_m=estimate.xy_m - 3.0, level=self.level)
 
-    def reset(self, briefing, rng):
-        super().reset(briefing, rng)
-        self.is_elsewhere = round(float(briefing.building.edge_start_xy_m.sum()), 3) not in KNOWN_M
+    def revise(self):
+        return np.array([[0.0, *self.xy_m, self.level]])
 
 
 class Broken(Mine):
@@ -104,32 +103,8 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
-    task = make_task(ENV)
-    buildings = [task.load(walk).building for walk in task.split("test")[:3]]
-    known_m = [round(float(building.edge_start_xy_m.sum()), 3) for building in buildings if building is not None]
-    path.write_text(f"KNOWN_M = {known_m}\n{SUBMITTED}")
+    path.write_text(SUBMITTED)
     return path
-
-
-@pytest.fixture(scope="session")
-def small_suite() -> Iterator[Suite]:
-    """Walks of two environments, one of which the submitted ones decline; one suite more."""
-    suite = Suite(
-        name="small-v1",
-        summary="For tests.",
-        seeds=2,
-        metrics=("p75_level_penalised_m", "mean_m", "availability"),
-        environments=(
-            SuiteEnvironment(env=ENV, walks=3, noise_m=0.05),
-            SuiteEnvironment(env=DEAF, walks=1, noise_m=0.05),
-        ),
-        commitment=commitment(SECRET),
-        held_out_walks=2,
-    )
-    known = {**suites.suites(), suite.name: suite}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(suites, "suites", lambda: known)
-        yield suite
 
 
 def card_named(name: str, **changes: object) -> Card:
@@ -137,42 +112,35 @@ def card_named(name: str, **changes: object) -> Card:
 
 
 @pytest.fixture(scope="session")
-def packed(small_suite: Suite, submitted: Path) -> dict[str, Bundle]:
-    """Bundles of `Mine` and `Wanders`, by class."""
-    specs = {name: f"{submitted}:{name}" for name in ("Mine", "Wanders")}
-    suite_runs = play_suite(list(specs.values()), small_suite, nonce=NONCE, isolation="none")
-    return {
-        name: make_bundle(spec, card_named(name.lower()), small_suite, suite_runs[spec]) for name, spec in specs.items()
-    }
+def toy_board(toy: None) -> Iterator[Board]:
+    """The only board there is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(boards, "_file", lambda: boards._File({ONE.name: ONE}, (ROUND,)))
+        yield ONE
 
 
 @pytest.fixture
-def board(tmp_path: Path) -> Path:
-    """A folder of leaderboards that trusts one key."""
-    root = tmp_path / "leaderboards"
-    root.mkdir()
-    table = signing.new_key(tmp_path / "maintainer.key", "M. Aintainer", datetime.date(2026, 1, 1))
-    (root / signing.KEYS_FILE).write_text(table)
-    return root
+def settings(tmp_path: Path) -> Settings:
+    """Plays in this process."""
+    return Settings(root=tmp_path / "leaderboards", work=tmp_path / "work", round=ROUND, isolation="none")
 
 
 @pytest.fixture
-def key(board: Path) -> Path:
-    """The private key of a maintainer whom that folder trusts."""
-    return board.parent / "maintainer.key"
+def mine(submitted: Path, tmp_path: Path) -> tuple[str, Path]:
+    """A localizer in a file, and its card."""
+    card = tmp_path / "card.toml"
+    card.write_bytes(card_toml(card_named("mine")))
+    return f"{submitted}:Mine", card
 
 
-@pytest.fixture
-def terms(key: Path) -> Callable[..., Terms]:
-    """How maintainers run an entry again."""
-    return lambda **changes: Terms(**({"nonce": SECOND_NONCE, "key": key} | changes))
-
-
-def signed_again(folder: Path, key: Path, **changes: Any) -> None:
-    """Signs another record in place of the one in the folder of an entry."""
-    import json
-
-    from pdrbench_leaderboard.verification import VERIFICATION_FILE, Verification
-
-    record = json.loads(json.loads((folder / VERIFICATION_FILE).read_text())["body"]) | changes
-    (folder / VERIFICATION_FILE).write_bytes(signing.sign(msgspec.convert(record, Verification), key))
+@pytest.fixture(scope="session")
+def played(toy_board: Board, submitted: Path, tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """A folder with entries of the classes above and of `stay`; to be copied before it is changed."""
+    place = tmp_path_factory.mktemp("played")
+    found = Settings(root=place / "leaderboards", work=place / "work", round=ROUND, isolation="none")
+    for name in CLASSES:
+        card = place / f"{name}.toml"
+        card.write_bytes(card_toml(card_named(name.lower())))
+        list(run([toy_board], [f"{submitted}:{name}"], found, card=card))
+    list(run([toy_board], [STAY], found))
+    return found

@@ -52,7 +52,7 @@ def test_all_faults_are_told_at_once_in_words() -> None:
     assert "'license' is no field of a card, did you mean 'licence'?" in said
     assert "map_used = 'yes' is wrong: true or false, without quotes" in said
     assert "name = 'Mine' is wrong: lower-case" in said and "authors = [] is wrong: a list of names" in said
-    assert all(f"{field} is missing: " in said for field in ("licence", "training_data", "division"))
+    assert all(f"{field} is missing: " in said for field in ("licence", "training_data"))
     assert "sensors_used" not in said and "Expected" not in said and "pattern" not in said
 
 

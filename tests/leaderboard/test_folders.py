@@ -16,18 +16,17 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
+from pdrbench.evaluation import evaluate
 from pdrbench_leaderboard import folder_archive, packages
-from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle, write_members
-from pdrbench_leaderboard.checking import check_bundle
+from pdrbench_leaderboard.bundle import write_bundle, write_members
+from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.confine.shared_modules import shared_distributions
 from pdrbench_leaderboard.folder_archive import pack_folder, read_archive, unpack
 from pdrbench_leaderboard.folders import Supplies, check_packable
-from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.packages import Locked, install, lock_of, lock_text, parse_lock
-from pdrbench_leaderboard.suites import Suite
-from pdrbench_leaderboard.verify import Terms, verify
+from pdrbench_leaderboard.submission import check_bundle, make_bundle, unpack_bundle
 
-from .conftest import SECRET, STAY, card_named
+from .conftest import ENV, STAY, card_named
 from .made_wheels import FOREIGN, make_wheel
 
 NET = """
@@ -262,28 +261,29 @@ def test_what_is_imported_and_not_locked_is_found_before_a_walk_is_played(net: P
     check_packable("somewhere/file.py:Net")
 
 
-@pytest.fixture
-def bundle(net: Path, installed: Path, small_suite: Suite) -> Bundle:
-    """A folder as it was packed where its requirement is unpacked and not installed."""
-    spec = f"{net}@{installed}"
-    runs = play_suite([spec], small_suite)
-    return read_bundle(write_bundle(make_bundle(spec, card_named("net"), small_suite, runs[spec])))
-
-
-def test_a_folder_is_verified_where_its_requirement_is_not_installed(
-    bundle: Bundle, terms: Callable[..., Terms], tmp_path: Path, cache: Path
+def test_a_folder_travels_and_is_unpacked_with_what_it_requires(
+    net: Path, installed: Path, tmp_path: Path, cache: Path
 ) -> None:
-    assert (bundle.manifest.spec, [*bundle.source]) == ("folder.zip", ["folder.zip"])
-    checked = check_bundle(bundle)
-    assert checked.passed
-    assert "5 files, 1 of weights, 1 locked requirements" in {finding.why for finding in checked.findings}
+    (net / "card.toml").write_bytes(card_toml(card_named("net")))
+    bundle = make_bundle(f"{net}@{installed}", net / "card.toml")
+    assert (bundle.spec, [*bundle.source]) == ("folder.zip", ["folder.zip"])
+    path = tmp_path / "net.pdrz"
+    path.write_bytes(write_bundle(bundle))
+    findings = check_bundle(path)
+    assert all(found.passed for found in findings)
+    assert any("1 of weights, 1 locked requirements" in found.why for found in findings)
     supplies = Supplies(wheels=cache, packages=tmp_path / "theirs")
-    (one,) = verify(bundle, terms(secrets=(SECRET,), supplies=supplies))
-    assert one.differences == ()
-    assert one.entry.tier == "verified"
+    spec, card = unpack_bundle(path, tmp_path / "unpacked", supplies)
+    assert card.name == "net" and spec.startswith(str(tmp_path / "unpacked"))
+    found = evaluate(spec, ENV, walks=1, seeds=1)
+    assert found.results[0].status == "complete", found.results[0].failure
 
 
-def test_a_bundle_whose_folder_cannot_be_read_does_not_pass(packed: dict[str, Bundle], net: Path) -> None:
-    torn = dataclasses.replace(packed["Mine"], source={"folder.zip": pack_folder(net)[:-10]})
-    findings = {finding.name: finding for finding in check_bundle(torn).findings}
+def test_a_bundle_whose_folder_cannot_be_read_does_not_pass(net: Path, installed: Path, tmp_path: Path) -> None:
+    (net / "card.toml").write_bytes(card_toml(card_named("net")))
+    bundle = make_bundle(f"{net}@{installed}")
+    torn = dataclasses.replace(bundle, source={"folder.zip": pack_folder(net)[:-10]})
+    path = tmp_path / "net.pdrz"
+    path.write_bytes(write_bundle(torn))
+    findings = {finding.name: finding for finding in check_bundle(path)}
     assert not findings["its folder"].passed and "no bundle" in findings["its folder"].why

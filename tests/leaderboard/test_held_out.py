@@ -32,7 +32,7 @@ def test_every_generated_environment_has_them() -> None:
 
 
 def test_a_secret_gives_walks_of_its_own() -> None:
-    env = "OfficeStride-v2"
+    env = "CampusStride-v1"
     public, task, other = make_task(env), make_task(env, SECRET), make_task(env, OTHER)
     walks = task.split(HELD_OUT)
     assert HELD_OUT not in public.walks

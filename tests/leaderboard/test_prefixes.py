@@ -133,7 +133,7 @@ def test_what_cannot_be_compared_is_an_error(file: Path) -> None:
 
 
 def test_a_beginning_is_handed_out_as_the_whole_is_and_ends_earlier() -> None:
-    task = make_task("OfficeStride-v2")
+    task = make_task("CampusStride-v1")
     episode = Episode(task.load(task.split("train")[0]), task)
     beginning = episode.prefix(7)
     assert (len(beginning), len(episode.fresh())) == (7, len(episode))

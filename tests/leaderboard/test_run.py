@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,34 +14,13 @@ from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard import record, score
-from pdrbench_leaderboard.boards import Board, BoardEnvironment, OtherSecretError, Round, boards, find_round
-from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.boards import OtherSecretError, Round, boards, find_round
+from pdrbench_leaderboard.bundle import write_bundle
 from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
 from pdrbench_leaderboard.run import Settings, run
+from pdrbench_leaderboard.submission import make_bundle
 
-from .conftest import DEAF, ENV, SECRET, STAY, card_named
-
-TOY = Board(
-    name="toy",
-    title="Toy",
-    summary="Corridors.",
-    lost_m=2.0,
-    environments=(BoardEnvironment(env=ENV, noise_m=0.05), BoardEnvironment(env=DEAF, noise_m=0.05)),
-)
-ROUND = Round(number=0, secret=SECRET)
-
-
-@pytest.fixture
-def settings(tmp_path: Path) -> Settings:
-    return Settings(root=tmp_path / "leaderboards", work=tmp_path / "work", round=ROUND, isolation="none")
-
-
-@pytest.fixture
-def mine(submitted: Path, tmp_path: Path) -> tuple[str, Path]:
-    """A localizer in a file, and its card."""
-    card = tmp_path / "card.toml"
-    card.write_bytes(card_toml(card_named("mine")))
-    return f"{submitted}:Mine", card
+from .conftest import DEAF, ENV, ROUND, SECRET, STAY, TOY
 
 
 def test_boards_name_registered_environments_and_round_0_is_published() -> None:
@@ -164,3 +144,36 @@ def test_changed_answers_are_found(settings: Settings) -> None:
 
 def test_metrics_of_entries_are_known() -> None:
     assert set(score.METRICS.values()) <= set(METRICS)
+
+
+def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(
+    settings: Settings, mine: tuple[str, Path]
+) -> None:
+    closed = dataclasses.replace(settings, round=Round(number=1, commitment=commitment(SECRET)), secret=SECRET)
+    with pytest.raises(BundleError, match="played confined beside a secret"):
+        list(run([TOY], [mine[0]], closed, card=mine[1]))
+    assert not settings.root.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="confinement is Linux's")
+def test_a_bundle_is_played_and_its_code_lies_with_the_entry(
+    settings: Settings, mine: tuple[str, Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.pdrz"
+    path.write_bytes(write_bundle(make_bundle(*mine)))
+    short = dataclasses.replace(settings, isolation="confined", parts=("public",))
+    outcome = next(run([TOY], [str(path)], short))
+    assert (outcome.played, dict(outcome.refused)) == (("mine",), {})
+    folder = settings.root / "toy" / "mine"
+    assert (folder / "localizer.py").read_bytes() == Path(mine[0].partition(":")[0]).read_bytes()
+    again = list(run([TOY], [str(path)], short))
+    assert again[0].kept == ("mine",)
+
+
+def test_a_try_plays_fewer_walks(settings: Settings) -> None:
+    few = dataclasses.replace(settings, walks=2)
+    list(run([TOY], [STAY], few))
+    walks = record.read_walks(settings.root / "toy")
+    assert {len(of.walks) for of in walks.values()} <= {1, 2}
+    assert all(of.kept == (STAY,) for of in run([TOY], [STAY], few))
+    assert any(of.played == (STAY,) for of in run([TOY], [STAY], settings))

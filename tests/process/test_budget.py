@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.process import Budget, SuiteBudget, TimeAccount
+from pdrbench.process import Budget, TimeAccount
 
 
 def begun(budget: Budget, period_s: float = 1.0) -> TimeAccount:
@@ -63,19 +61,6 @@ def test_all_calls_of_a_walk_have_one_total() -> None:
     assert "20 s for all calls of a walk together" in account.rule("revise")
     account.spend("revise", 5.0)
     assert account.allowed_s("revise") == 0.0
-
-
-def test_the_time_of_a_suite_adds_up_over_processes_and_runs(tmp_path: Path) -> None:
-    budget = SuiteBudget(tmp_path / "time", limit_s=10.0)
-    assert budget.left_s("a.py:A") == 10.0
-    budget.spend("a.py:A", "first walk", 4.0)
-    budget.spend("b.py:B", "first walk", 9.0)
-    budget.spend("a.py:A", "second walk", 5.0)
-    assert SuiteBudget(tmp_path / "time", limit_s=10.0).left_s("a.py:A") == 1.0, "another process reads the same"
-    budget.spend("a.py:A", "first walk", 4.5)
-    assert budget.left_s("a.py:A") == 0.5, "a walk that is played anew counts once"
-    budget.spend("a.py:A", "third walk", 99.0)
-    assert (budget.left_s("a.py:A"), budget.left_s("b.py:B")) == (0.0, 1.0)
 
 
 def test_totals_are_positive_and_finite() -> None:

@@ -19,7 +19,7 @@ from pdrbench.episode import Episode, play
 from pdrbench.errors import UnsuitableError
 from pdrbench.evaluation import evaluate
 from pdrbench.localizer import Briefing, Observation
-from pdrbench.process import Budget, LocalizerExit, LocalizerTimeout, SuiteBudget
+from pdrbench.process import Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.process.child_process import Limits, discard
 from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
 from pdrbench.recording import Recording
@@ -317,16 +317,3 @@ def test_a_localizer_just_under_the_time_of_each_step_ends_with_the_walk(odd: Pa
     provenance = result.provenance
     assert provenance["missed"] == len(episode) - len(result.estimates)
     assert 2.0 < float(str(provenance["wall_s"])) < 10.0
-
-
-def test_walks_after_the_end_of_a_suites_budget_fail_without_being_played(odd: Path, tmp_path: Path) -> None:
-    limited = SuiteBudget(tmp_path, limit_s=1e-3)
-    specs = [f"{odd}:Walks", "stay"]
-    results = evaluate(specs, ENV, split="val", seeds=1, walks=2, suite_budget=limited).results
-    for spec in specs:
-        statuses = sorted(result.status for result in results if result.localizer == spec)
-        assert statuses == ["complete", "failed"], "each has a budget of its own"
-    for result in results:
-        if result.status == "failed":
-            assert "had spent its budget before this walk: 0.001 s" in result.failure
-            assert not len(result.estimates)

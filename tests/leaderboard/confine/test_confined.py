@@ -20,7 +20,7 @@ from pdrbench_leaderboard.confine.confine import FileLimits
 from pdrbench_leaderboard.confine.launcher_client import Launcher, discard, warm_launcher
 
 pytestmark = pytest.mark.confinement
-ENV = "OfficeStride-v2"
+ENV = "CampusStride-v1"
 STRANGER = """
     import os
     import numba

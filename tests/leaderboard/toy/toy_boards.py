@@ -40,7 +40,7 @@ def load(sensor: str, secret: str, walk: str) -> Recording:
 
 
 def make(env: str, sensor: str, secret: str = "") -> Task:
-    walks = WALKS | ({HELD_OUT: tuple(f"{HELD_OUT}-{i}" for i in range(4))} if secret else {})
+    walks = WALKS | ({HELD_OUT: tuple(f"{HELD_OUT}-{i}" for i in range(12))} if secret else {})
     return Task(
         id=env,
         summary="Walks along corridors.",

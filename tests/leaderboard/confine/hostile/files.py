@@ -61,7 +61,7 @@ class ImportsEnvironment(Probe):
             "ours": (lambda: importlib.import_module("pdrbench_envs.office_stride"), FILES | HIDDEN),
             "simulator": (lambda: importlib.import_module("pdrbench_sim.people.walk"), FILES | HIDDEN),
             "plugin": (lambda: importlib.import_module("corridor_plugin"), FILES),
-            "loads-ours": (lambda: self.loads("OfficeStride-v2"), FILES | HIDDEN),
+            "loads-ours": (lambda: self.loads("CampusStride-v1"), FILES | HIDDEN),
             "loads-plugin": (lambda: self.loads("Corridor-v0"), FILES),
         }
 
