@@ -359,22 +359,22 @@ def _join_nodes(
     rows, columns, costs = [], [], []
     is_stairs = np.array([p.kind == "stairs" for p in building.polygons])[owner]
     narrow = _is_narrow(corners, portal)
+    nodes = np.diff(first_node)
     for side in range(3):
         after = (side + 1) % 3
-        for triangle in np.flatnonzero((portal[:, side] >= 0) & (portal[:, after] >= 0)):
-            one, other = portal[triangle, side], portal[triangle, after]
-            from_nodes = np.arange(first_node[one], first_node[one + 1])
-            to_nodes = np.arange(first_node[other], first_node[other + 1])
-            way = node_xy_m[from_nodes][:, None] - node_xy_m[to_nodes][None]
-            cost = np.hypot(way[..., 0], way[..., 1]) * (STAIRS_COST if is_stairs[triangle] else 1.0)
-            cost += ON_EDGE_M + NARROW_COST_M * narrow[triangle, side]
-            from_all, to_all = (a.ravel() for a in np.meshgrid(from_nodes, to_nodes, indexing="ij"))
-            rows += [from_all, to_all]
-            columns += [to_all, from_all]
-            costs += [cost.ravel(), cost.ravel()]
+        triangle = np.flatnonzero((portal[:, side] >= 0) & (portal[:, after] >= 0))
+        one, other = portal[triangle, side], portal[triangle, after]
+        pair = np.repeat(np.arange(len(triangle)), nodes[one] * nodes[other])
+        nth = np.arange(len(pair)) - np.searchsorted(pair, pair)
+        from_all = first_node[one][pair] + nth // nodes[other][pair]
+        to_all = first_node[other][pair] + nth % nodes[other][pair]
+        way = node_xy_m[from_all] - node_xy_m[to_all]
+        cost = np.hypot(way[:, 0], way[:, 1]) * np.where(is_stairs[triangle], STAIRS_COST, 1.0)[pair]
+        cost += (ON_EDGE_M + NARROW_COST_M * narrow[triangle, side])[pair]
+        rows += [from_all, to_all]
+        columns += [to_all, from_all]
+        costs += [cost, cost]
     count = len(node_xy_m)
-    if not rows:
-        return csr_array((count, count))
     return csr_array((np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(count, count))
 
 
