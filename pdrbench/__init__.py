@@ -1,7 +1,7 @@
 """pdrbench: the benchmark for indoor pedestrian localisation.
 
 >>> import gymnasium, pdrbench
->>> env = gymnasium.make("pdrbench/OfficeStride-v2")
+>>> env = gymnasium.make("pdrbench/CampusStride-v1")
 >>> observation, info = env.reset(seed=0)
 >>> info["briefing"].period_s
 0.2

@@ -162,7 +162,7 @@ class Episode:
     """Replays a recording: `observe`, `submit`, `observe`, ... until `done`.
 
     >>> import pdrbench
-    >>> task = pdrbench.make_task("OfficeStride-v2")
+    >>> task = pdrbench.make_task("CampusStride-v1")
     >>> episode = Episode(task.load(task.split("train")[0]), task)
     >>> observation = episode.observe()
     >>> observation.now_s

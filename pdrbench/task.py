@@ -119,7 +119,7 @@ class Task:
         object.__setattr__(self, "capacity", MappingProxyType(dict(self.capacity)))
         object.__setattr__(self, "walks", MappingProxyType({k: tuple(v) for k, v in self.walks.items()}))
         if not re.fullmatch(r"[A-Z][A-Za-z0-9]*-v[0-9]+", self.id):
-            raise RecordingError(f"task id {self.id!r} is not of the form Name-vN, as in OfficeFoot-v2")
+            raise RecordingError(f"task id {self.id!r} is not of the form Name-vN, as in CampusFoot-v1")
         if not self.period_s > 0:
             raise RecordingError(f"task {self.id}: period_s must be positive; got {self.period_s}")
         names = [spec.name for spec in self.sensors]

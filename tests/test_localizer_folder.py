@@ -23,7 +23,7 @@ from pdrbench.registry import load_localizer
 from pdrbench_leaderboard.confine.read_permissions import permissions_of
 from pdrbench_leaderboard.confine.shared_modules import shared_distributions, shared_modules
 
-ENV = "OfficeStride-v2"
+ENV = "CampusStride-v1"
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"
 MODEL = """
     import numpy as np

@@ -79,20 +79,20 @@ def test_a_file_that_fails_to_import_is_named(tmp_path: Path, content: str) -> N
 
 
 def test_unknown_ids_suggest_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match=r"did you mean 'OfficeStride-v2'\?"):
-        make_task("OficeStride-v0")
+    with pytest.raises(UnknownNameError, match=r"did you mean 'CampusStride-v1'\?"):
+        make_task("CampsStride-v0")
     with pytest.raises(UnknownNameError, match=r"'stay-v1' is now 'stay'"):
         make_localizer("stay-v1")
 
 
 def test_the_prefix_of_gymnasium_is_understood() -> None:
-    assert make_task("pdrbench/OfficeStride-v2") == make_task("OfficeStride-v2")
+    assert make_task("pdrbench/CampusStride-v1") == make_task("CampusStride-v1")
 
 
 def test_a_task_that_calls_itself_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = PluginEntry("Other-v0", "pdrbench_envs.office_stride:task", "a_package")
+    entry = PluginEntry("Other-v0", "pdrbench_envs.campus.environment:task_stride", "a_package")
     monkeypatch.setattr(registry, "environments", lambda: {"Other-v0": entry})
-    with pytest.raises(PluginError, match="calls itself 'OfficeStride-v2'"):
+    with pytest.raises(PluginError, match="calls itself 'CampusStride-v1'"):
         make_task("Other-v0")
 
 
@@ -110,8 +110,8 @@ def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("name", [None, 3])
 def test_a_value_that_is_no_name_is_an_unknown_name(name: object) -> None:
-    with pytest.raises(UnknownNameError, match=f"no split of OfficeStride-v2 named {name}"):
-        make_task("OfficeStride-v2").split(name)  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=f"no split of CampusStride-v1 named {name}"):
+        make_task("CampusStride-v1").split(name)  # type: ignore[arg-type]
 
 
 def test_an_id_that_is_taken_and_a_table_that_is_none_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

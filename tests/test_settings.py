@@ -146,7 +146,7 @@ def test_the_stored_name_is_sorted_and_has_no_defaults(file: str) -> None:
 
 @pytest.mark.parametrize("isolation", ["none", "process"])
 def test_a_walk_is_played_with_its_settings(file: str, isolation: str) -> None:
-    env = "OfficeStride-v2"
+    env = "CampusStride-v1"
     names = [f"{file}:Mine?sigma_m=7&kld=false", f"{file}:Mine?kld=false&sigma_m=7", f"{file}:Mine"]
     results = evaluate(names, env, split="train", walks=1, seeds=1, isolation=isolation).results  # type: ignore[arg-type]
     found = {result.localizer: result for result in results}

@@ -46,9 +46,9 @@ def test_a_walk_is_the_same_and_none_is_confined(tmp_path: Path) -> None:
         import json
         from pdrbench.errors import PdrbenchError
         from pdrbench.evaluation import evaluate
-        results = evaluate("dead_reckoning", "OfficeStride-v2", split="val", walks=1, seeds=1, progress=True)
+        results = evaluate("dead_reckoning", "CampusStride-v1", split="val", walks=1, seeds=1, progress=True)
         try:
-            evaluate("stay", "OfficeStride-v2", isolation="confined", walks=1)
+            evaluate("stay", "CampusStride-v1", isolation="confined", walks=1)
         except PdrbenchError as error:
             refused = str(error)
         result = results.results[0]
@@ -57,7 +57,7 @@ def test_a_walk_is_the_same_and_none_is_confined(tmp_path: Path) -> None:
     done = run(code, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     estimates, isolation, refused = json.loads(done.stdout)
-    (here,) = evaluate("dead_reckoning", "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="none").results
+    (here,) = evaluate("dead_reckoning", "CampusStride-v1", split="val", walks=1, seeds=1, isolation="none").results
     assert estimates == here.estimates.columns.tobytes().hex()
     assert isolation == {"mode": "process", "held": [], "missing": {}}
     assert "confined on Linux only" in refused

@@ -46,7 +46,6 @@ def test_folds_part_whole_units() -> None:
 @pytest.mark.parametrize(
     ("env", "kind", "num_units"),
     [
-        ("WestportPhone-v1", "person", 12),
         ("FootVicon-v1", "person", 1),
         ("IpinPhone-v1", "route", 4),
         ("MallPhone-v2", "outing", 31),
@@ -55,10 +54,3 @@ def test_folds_part_whole_units() -> None:
 def test_units_of_environments(env: str, kind: str, num_units: int) -> None:
     task = make_task(env)
     assert (task.unit_kind, len({task.units[walk] for walk in task.walks["test"]})) == (kind, num_units)
-
-
-def test_held_out_walks_have_units_of_their_own() -> None:
-    task = make_task("WestportPhone-v1", "0" * 32)
-    held_out = {task.units[walk] for walk in task.walks["heldout"]}
-    assert len(held_out) == 8
-    assert not held_out & {task.units[walk] for split in ("train", "val", "test") for walk in task.walks[split]}

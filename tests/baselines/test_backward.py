@@ -117,7 +117,7 @@ def test_memory_is_bounded(rng: np.random.Generator) -> None:
 
 def test_answers_on_the_way_are_those_of_the_filter() -> None:
     """Bit for bit: what is kept for the end draws no random number before it."""
-    task = make_task("OfficeStride-v2")
+    task = make_task("CampusStride-v1")
     recording = task.load(task.split("train")[0])
     made, *others = make_localizer("woodman2008"), make_localizer("woodman2008?revises=false")
     online, before = (

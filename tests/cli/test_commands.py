@@ -67,7 +67,7 @@ def place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, place: Path) -> None:
-    arguments = ["--env", "OfficeStride-v2", "--walks", 2, "--localizer", "stay", "--localizer", "mine.py:Mine"]
+    arguments = ["--env", "CampusStride-v1", "--walks", 2, "--localizer", "stay", "--localizer", "mine.py:Mine"]
     outcome = command("compare", *arguments, "--json")
     assert outcome.code == 0
     rows = {row["localizer"]: row for row in outcome.json["rows"]}
@@ -76,34 +76,34 @@ def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, plac
     assert metrics["mean_m"]["unit"] == "m" and metrics["mean_m"]["value"] > 1 and rows["stay"]["walks"] == 2
     assert metrics["mean_m"] == rows["mine.py:Mine"]["metrics"]["mean_m"]  # both stay
     assert metrics["mean_m"]["low"] is None  # no interval from two walks
-    for name in ("table.md", "table.tex", "table.csv", "OfficeStride-v2-cdf.png"):
+    for name in ("table.md", "table.tex", "table.csv", "CampusStride-v1-cdf.png"):
         assert (place / "pdrbench-results" / name).stat().st_size > 0
     stored = {path: path.stat().st_mtime_ns for path in (place / "pdrbench-results/results").glob("*.result")}
     assert len(stored) == 4
     again = command("compare", *arguments)
-    assert again.code == 0 and "OfficeStride-v2, test split, 2 walks" in again.out and "mine.py:Mine" in again.out
+    assert again.code == 0 and "CampusStride-v1, test split, 2 walks" in again.out and "mine.py:Mine" in again.out
     assert {path: path.stat().st_mtime_ns for path in stored} == stored
 
     plotted = command("plot", "pdrbench-results", "--out", "again", "--json")
-    assert plotted.code == 0 and "again/OfficeStride-v2-cdf.png" in plotted.json["files"]
+    assert plotted.code == 0 and "again/CampusStride-v1-cdf.png" in plotted.json["files"]
     assert all((place / file).stat().st_size > 0 for file in plotted.json["files"])
 
 
 def test_run_reports_a_crash_with_its_traceback(command: Any) -> None:
-    outcome = command("run", "mine.py:Crashing", "OfficeStride-v2", "--walks", 1, "--json")
+    outcome = command("run", "mine.py:Crashing", "CampusStride-v1", "--walks", 1, "--json")
     assert outcome.code == 1 and outcome.json["rows"][0]["walks"] == 1
     assert "ValueError: no step" in outcome.err
 
 
 def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
-    outcome = command("run", "oracle", "OfficeStride-v2", "--walks", 1)
+    outcome = command("run", "oracle", "CampusStride-v1", "--walks", 1)
     assert (outcome.code, outcome.out) == (1, "")
-    assert "pdrbench: oracle does not suit OfficeStride-v2: " in outcome.err
-    outcome = command("run", "oracle", "OfficeStride-v2", "--walks", 1, "--split", "train", "--json")
+    assert "pdrbench: oracle does not suit CampusStride-v1: " in outcome.err
+    outcome = command("run", "oracle", "CampusStride-v1", "--walks", 1, "--split", "train", "--json")
     assert outcome.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
 
 
-@pytest.mark.parametrize("arguments", [("env", "OfficeStride-v2"), ("localizer", "stay")])
+@pytest.mark.parametrize("arguments", [("env", "CampusStride-v1"), ("localizer", "stay")])
 def test_check_passes_our_own_localizers(arguments: tuple[str, str], command: Any) -> None:
     outcome = command("check", *arguments, "--json")
     assert outcome.code == 0
@@ -189,17 +189,17 @@ def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> 
 @pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
 def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], command: Any, place: Path) -> None:
     (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
-    outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v2"] if what == ["run"] else []))
+    outcome = command(*what, "leaves.py:Mine", *(["CampusStride-v1"] if what == ["run"] else []))
     assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err + outcome.out
 
 
 def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    task = dataclasses.replace(make_task("OfficeStride-v2"), note="not the registered data")
+    task = dataclasses.replace(make_task("CampusStride-v1"), note="not the registered data")
     for module in ("registry", "cli.list", "evaluation.rows"):
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name, secret=None: task)
-    outcome = command("run", "stay", "OfficeStride-v2", "--walks", 1)
-    assert outcome.code == 0 and "OfficeStride-v2: not the registered data" in outcome.err.splitlines()
-    assert "OfficeFoot-v2: not the registered data" in command("list", "envs").err.splitlines()
+    outcome = command("run", "stay", "CampusStride-v1", "--walks", 1)
+    assert outcome.code == 0 and "CampusStride-v1: not the registered data" in outcome.err.splitlines()
+    assert "CampusFoot-v1: not the registered data" in command("list", "envs").err.splitlines()
 
 
 @pytest.mark.data

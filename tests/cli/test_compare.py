@@ -97,9 +97,7 @@ NEEDS = {
     "MallPhoneMagneticLost-v1": "pdrbench data fetch ilc20_full",
     "PhoneSteps-v1": "phone_steps/",
     "IpinPhone-v1": "ipin2023_track3/",
-    "WestportFoot-v2": "maps/",
     "WifiFingerprints-v1": "wifi_fingerprints/",
-    "WestportPhone-v1": "maps/",
 }
 RECORDED = {name: remedy for name, remedy in NEEDS.items() if name in environments()}
 """What cannot be played here by what says how to get its data; some of it where the laboratory is installed only."""
@@ -119,18 +117,18 @@ def test_without_names_every_available_set_is_compared_and_the_rest_is_listed(as
 
 def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -> None:
     assert command("compare", "--split", "train").code == 0
-    assert "oracle" in asked.arguments["localizers"]["OfficeStride-v2"]
+    assert "oracle" in asked.arguments["localizers"]["CampusStride-v1"]
 
 
 def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
     arguments = (
-        f"--env OfficeStride-v2 --localizer stay --localizer dead_reckoning --split val --seeds 2 --walks 3 "
+        f"--env CampusStride-v1 --localizer stay --localizer dead_reckoning --split val --seeds 2 --walks 3 "
         f"--nonce {'7' * 32}"
     )
     assert command("compare", *arguments.split(), "--jobs", 2, "--out", tmp_path / "o").code == 0
     assert asked.arguments == {
-        "localizers": {"OfficeStride-v2": ["stay", "dead_reckoning"]},
-        "envs": ("OfficeStride-v2",),
+        "localizers": {"CampusStride-v1": ["stay", "dead_reckoning"]},
+        "envs": ("CampusStride-v1",),
         "split": "val",
         "seeds": 2,
         "walks": 3,
@@ -144,34 +142,34 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
 
 def test_what_does_not_suit_is_not_run_and_counted_in_a_line(asked: Asked, command: Any) -> None:
     asked.declining["wifi_knn"] = "needs a radio map"
-    outcome = command("compare", "--env", "OfficeStride-v2")
-    assert "wifi_knn" not in asked.arguments["localizers"]["OfficeStride-v2"]
+    outcome = command("compare", "--env", "CampusStride-v1")
+    assert "wifi_knn" not in asked.arguments["localizers"]["CampusStride-v1"]
     (line,) = [line for line in outcome.err.splitlines() if line.startswith("left out: ")]
-    count = len(localizers()) - len(asked.arguments["localizers"]["OfficeStride-v2"])
-    assert line.startswith(f"left out: {count} localizers that do not suit OfficeStride-v2") and "--all" in line
-    outcome = command("compare", "--env", "OfficeStride-v2", "--all")
-    assert "left out: wifi_knn on OfficeStride-v2: needs a radio map" in outcome.err
-    outcome = command("compare", "--env", "OfficeStride-v2", "--localizer", "wifi_knn")
-    assert outcome.code == 1 and "wifi_knn on OfficeStride-v2: needs a radio map" in outcome.err
+    count = len(localizers()) - len(asked.arguments["localizers"]["CampusStride-v1"])
+    assert line.startswith(f"left out: {count} localizers that do not suit CampusStride-v1") and "--all" in line
+    outcome = command("compare", "--env", "CampusStride-v1", "--all")
+    assert "left out: wifi_knn on CampusStride-v1: needs a radio map" in outcome.err
+    outcome = command("compare", "--env", "CampusStride-v1", "--localizer", "wifi_knn")
+    assert outcome.code == 1 and "wifi_knn on CampusStride-v1: needs a radio map" in outcome.err
 
 
 def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:
     asked.statuses["wifi_knn"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
     asked.statuses["dead_reckoning"] = ("failed", "Traceback\nValueError: no step\n")
-    outcome = command("compare", "--env", "OfficeStride-v2")
+    outcome = command("compare", "--env", "CampusStride-v1")
     assert outcome.code == 1
     assert "wifi_knn" not in outcome.out and "dead_reckoning" in outcome.out and "2.50" in outcome.out
-    assert "wifi_knn on OfficeStride-v2: not applicable: needs a radio map;" in outcome.err
-    assert "dead_reckoning on OfficeStride-v2: failed on 1 of 1 walks" in outcome.err
+    assert "wifi_knn on CampusStride-v1: not applicable: needs a radio map;" in outcome.err
+    assert "dead_reckoning on CampusStride-v1: failed on 1 of 1 walks" in outcome.err
     assert "ValueError: no step" in outcome.err
 
 
 def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
-    outcome = command("compare", "--env", "pdrbench/OfficeStride-v2", "--localizer", "stay", "--json")
+    outcome = command("compare", "--env", "pdrbench/CampusStride-v1", "--localizer", "stay", "--json")
     assert outcome.json == {
         "rows": [
             {
-                "env": "OfficeStride-v2",
+                "env": "CampusStride-v1",
                 "localizer": "stay",
                 "division": "online",
                 "split": "test",
@@ -189,9 +187,9 @@ def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
 
 
 def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
-    outcome = command("compare", "--env", "OfficeStride-v2", "--latex", "t.tex", "--html", "t.html")
+    outcome = command("compare", "--env", "CampusStride-v1", "--latex", "t.tex", "--html", "t.html")
     assert "wrote 3 files:" in outcome.err
-    assert "OfficeStride-v2, test split, 1 walk;" in (tmp_path / "t.html").read_text()
+    assert "CampusStride-v1, test split, 1 walk;" in (tmp_path / "t.html").read_text()
     assert "pdrbench-results/table.md" in outcome.err and (tmp_path / "pdrbench-results/table.md").exists()
     assert (tmp_path / "t.tex").read_text() == "\\begin{tabular}"
 
@@ -203,7 +201,7 @@ def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
         (("--html", "file/t.html"), "cannot write file/t.html: Not a directory; choose another place"),
         (("--out", "file/o"), "cannot make the folder file/o: Not a directory; choose another place"),
         (("--env", "MallPhone-v2"), "the dataset 'ilc20_full' is not available"),
-        (("--env", "OfficeStride-v2", "--split", "tset"), "did you mean 'test'?"),
+        (("--env", "CampusStride-v1", "--split", "tset"), "did you mean 'test'?"),
         (("--split", "nosuch"), "no environment with data has walks in a 'nosuch' split"),
     ],
 )
@@ -229,7 +227,7 @@ def test_a_folder_that_takes_no_files_is_an_error_before_any_walk(
 
 
 def test_columns_that_are_asked_for_are_shown(asked: Asked, command: Any, tmp_path: Path) -> None:
-    start = ("compare", "--env", "OfficeStride-v2", "--latex", "t.tex")
+    start = ("compare", "--env", "CampusStride-v1", "--latex", "t.tex")
     outcome = command(*start, "--columns", "mean_m,p95_m")
     assert "mean_m" in outcome.out and (tmp_path / "t.tex").read_text() == "\\begin{tabular}mean_m,p95_m"
     assert command(*start, "--all-columns").code == 0 and "pooled_p75" in (tmp_path / "t.tex").read_text()
@@ -238,8 +236,8 @@ def test_columns_that_are_asked_for_are_shown(asked: Asked, command: Any, tmp_pa
 
 
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:
-    outcome = command("run", "stay", "OfficeStride-v2", "--out", "o", "--json")
+    outcome = command("run", "stay", "CampusStride-v1", "--out", "o", "--json")
     assert [row["localizer"] for row in outcome.json["rows"]] == ["stay"]
     assert asked.arguments["out"] == Path("o") and "pdrbench plot o" in outcome.err
-    assert "stay" in command("run", "stay", "OfficeStride-v2").out
+    assert "stay" in command("run", "stay", "CampusStride-v1").out
     assert asked.arguments["out"] is None

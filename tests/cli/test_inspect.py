@@ -22,7 +22,7 @@ ILC20 = "#\tstartTime:1574559781435\n#\tSiteID:a\tFloorName:F1\n#\tBrand:OPPO\tM
 
 @pytest.fixture(scope="module")
 def walk() -> pdrbench.Recording:
-    task = pdrbench.make_task("OfficeStride-v2")
+    task = pdrbench.make_task("CampusStride-v1")
     return task.load(task.split("train")[0])
 
 
@@ -83,7 +83,7 @@ def test_a_map_lists_its_levels_and_stays_the_same(command: Any, walk: pdrbench.
 
 
 def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tmp_path: Path) -> None:
-    evaluate("dead_reckoning", "OfficeStride-v2", split="val", walks=1, out=tmp_path / "out")
+    evaluate("dead_reckoning", "CampusStride-v1", split="val", walks=1, out=tmp_path / "out")
     (stored,) = (tmp_path / "out").glob(f"*{store.SUFFIX}")
     printed = command("inspect", stored, "--json").json
     assert (printed["format"], printed["localizer"], printed["status"]) == ("result", "dead_reckoning", "complete")

@@ -26,7 +26,7 @@ def no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_environments_list_what_they_offer_and_what_is_missing(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "envs", "--json").json["items"]}
     assert set(items) >= set(environments())
-    office, mall = items["OfficeStride-v2"], items["MallPhone-v2"]
+    office, mall = items["CampusStride-v1"], items["MallPhone-v2"]
     assert office["available"] and office["splits"]["test"] > 0 and office["start"] == "pose"
     assert "stride" in office["sensors"] and office["broken"] is None
     assert not mall["available"] and "pdrbench data fetch ilc20" in mall["missing"]
@@ -36,7 +36,7 @@ def test_environments_list_what_they_offer_and_what_is_missing(command: Any) -> 
 def test_environments_for_people(command: Any) -> None:
     outcome = command("list", "envs")
     assert outcome.code == 0
-    (line,) = [line for line in outcome.out.splitlines() if line.strip().startswith("OfficeStride-v2")]
+    (line,) = [line for line in outcome.out.splitlines() if line.strip().startswith("CampusStride-v1")]
     assert "embedded" in line and "pose" in line
     assert "recorded data is missing: " in outcome.err and "ilc20_full" in outcome.err
 

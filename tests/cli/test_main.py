@@ -54,11 +54,11 @@ def test_a_mistyped_command_suggests_the_nearest(command: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "near"),
     [
-        (["run", "dead_reconing", "OfficeStride-v2"], "did you mean 'dead_reckoning'?"),
-        (["run", "stay", "OficeStride-v0"], "did you mean 'OfficeStride-v2'?"),
+        (["run", "dead_reconing", "CampusStride-v1"], "did you mean 'dead_reckoning'?"),
+        (["run", "stay", "CampsStride-v0"], "did you mean 'CampusStride-v1'?"),
         (["compare", "--env", "MallFone-v0"], "did you mean 'MallPhone-v2'?"),
         (["compare", "--localizer", "sty"], "did you mean 'stay'?"),
-        (["check", "env", "OfficeStrid-v0"], "did you mean 'OfficeStride-v2'?"),
+        (["check", "env", "CampusStrid-v0"], "did you mean 'CampusStride-v1'?"),
         (["check", "localizer", "sray"], "did you mean 'stay'?"),
         (["data", "verify", "ilc2"], "did you mean 'ilc20'?"),
         (["data", "fetch", "ilc2"], "did you mean 'ilc20'?"),
@@ -119,7 +119,7 @@ def test_a_signal_in_the_middle_of_a_walk_does_the_same(reaches_children: bool, 
     process = subprocess.Popen(
         [
             *PROGRAM,
-            *("run", f"{tmp_path / 'slow.py'}:Slow", "OfficeStride-v2", "--walks", "1", "--json"),
+            *("run", f"{tmp_path / 'slow.py'}:Slow", "CampusStride-v1", "--walks", "1", "--json"),
             *("--isolation", "process"),  # which may write beside its scratch folder
         ],
         stdout=subprocess.PIPE,
@@ -169,7 +169,7 @@ def test_starting_is_quick_because_little_is_imported() -> None:
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        ("pdrbench compare --env OfficeStri", {"OfficeStride-v2"}),
+        ("pdrbench compare --env CampusStri", {"CampusStride-v1"}),
         ("pdrbench run stay", {"stay"}),
         ("pdrbench compa", {"compare"}),
     ],

@@ -39,7 +39,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stored")
     (folder / "toy.py").write_text(textwrap.dedent(TOY))
     for name, spec, seeds in (("toy", f"{folder / 'toy.py'}:Toy", 2), ("stay", "stay", 1)):
-        evaluate(spec, "OfficeStride-v2", split="val", walks=1, seeds=seeds, isolation="none", out=folder / name)
+        evaluate(spec, "CampusStride-v1", split="val", walks=1, seeds=seeds, isolation="none", out=folder / name)
     return folder
 
 
@@ -75,7 +75,7 @@ def test_changed_code_is_an_error_unless_it_is_allowed(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("toy.py").write_text(textwrap.dedent(TOY))
-    evaluate("toy.py:Toy", "OfficeStride-v2", split="val", walks=1, isolation="none", out="toy")
+    evaluate("toy.py:Toy", "CampusStride-v1", split="val", walks=1, isolation="none", out="toy")
     Path("toy.py").write_text(textwrap.dedent(TOY).replace("xy_m[0]", "xy_m[1]"))
     arguments = ("replay", "toy", "--out", "walk.html", "--to", 4)
     refused = command(*arguments)

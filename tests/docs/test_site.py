@@ -16,7 +16,7 @@ from pdrbench import building, evaluation, filters, inertial, metrics, picture, 
 ROOT: Final = Path(__file__).resolve().parents[2]
 KINDS: Final = (  # a page of each kind
     *("index", "choose", "tutorial", "results", "threats", "metrics", "fields", "networks"),
-    *("api/filters", "environments/OfficeStride-v2", "datasets/foot_vicon"),
+    *("api/filters", "environments/CampusStride-v1", "datasets/foot_vicon"),
 )
 PHONE: Final = (390, 844)
 CONTRAST: Final = """(() => {
@@ -80,7 +80,7 @@ def texts(site: Path) -> dict[str, str]:
 
 
 def test_pages_load_nothing_from_elsewhere(texts: dict[str, str]) -> None:
-    assert {"index.html", "metrics.html", "api.html", "environments/OfficeStride-v2.html"} <= set(texts)
+    assert {"index.html", "metrics.html", "api.html", "environments/CampusStride-v1.html"} <= set(texts)
     for name, text in texts.items():
         loaded = re.findall(r'<(?:script|img|iframe)[^>]+src="([^"]+)"', text)
         loaded += re.findall(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="([^"]+)"', text)

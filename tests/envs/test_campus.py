@@ -5,9 +5,14 @@ import collections
 import numpy as np
 import pytest
 
+from pdrbench.episode import Episode
+from pdrbench.errors import UnknownNameError
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Estimate
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT
+from pdrbench_envs.campus import environment
 from pdrbench_envs.campus.buildings import BUILDINGS
 from pdrbench_envs.campus.environment import FEET, PEOPLE, STRIDES
 from pdrbench_envs.campus.walks import CampusWalks
@@ -77,6 +82,51 @@ def test_strides_are_delivered_while_the_foot_rests_and_walks_take_two_to_four_m
         assert one.building is not None
         assert one.building.contains(one.reference.xy_m, one.reference.level).all()
         assert 110 < one.end_s < 245
+
+
+def integrated(recording: Recording) -> FloatArray:
+    """(S, 2) places of a localizer that integrates every stride, when the reference is scored."""
+    task = make_task(STRIDES.env)
+    episode = Episode(recording, task)
+    start = episode.briefing.start
+    assert start is not None and start.heading_rad is not None
+    xy_m, heading_rad, found = start.xy_m.copy(), start.heading_rad, {}
+    while not episode.done:
+        observation = episode.observe()
+        for _, length_m, _, turn_rad in observation["stride"]:
+            heading_rad += turn_rad
+            xy_m = xy_m + length_m * np.array([np.cos(heading_rad), np.sin(heading_rad)])
+        episode.submit(Estimate(xy_m, 0))
+        found[round(observation.now_s, 6)] = xy_m
+    return np.array([found[t_s] for t_s in recording.reference.scored().t_s])
+
+
+def test_error_free_strides_lead_to_every_place_of_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environment, "measure", lambda true_rows, rng, errors: true_rows)
+    recording = make_task(STRIDES.env).load("val-03")
+    # Rounding: N strides each 0.3 mm and, from there on, 0.03 mrad; of 200 strides a few millimetres.
+    np.testing.assert_allclose(integrated(recording), recording.reference.scored().xy_m, atol=0.05)
+
+
+def test_measured_errors_make_strides_drift_by_metres(strides: list[Recording]) -> None:
+    for one in strides:
+        error_m = np.hypot(*(integrated(one) - one.reference.scored().xy_m).T)
+        assert 0.3 < error_m.max() < 60  # 1.9 % of 150 m out and back, and a heading that drifts
+
+
+def test_the_start_is_given_with_the_heading_of_the_first_stride(strides: list[Recording]) -> None:
+    for one in strides:
+        start = make_task(STRIDES.env).brief(one).start
+        first_m = one.reference.xy_m[1] - one.reference.xy_m[0]
+        assert start is not None
+        # Places are whole millimetres, and the first stride is three decimetres or longer.
+        assert start.heading_rad == pytest.approx(np.arctan2(first_m[1], first_m[0]), abs=5e-3)
+        np.testing.assert_array_equal(start.xy_m, one.reference.xy_m[0])
+
+
+def test_an_unknown_walk_is_refused_with_the_nearest_id() -> None:
+    with pytest.raises(UnknownNameError, match=r"no walk of CampusStride-v1.*did you mean .train-"):
+        make_task(STRIDES.env).load("train-O3")
 
 
 @pytest.fixture(scope="module")

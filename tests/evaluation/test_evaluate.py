@@ -68,7 +68,7 @@ def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec
 
 
 def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
-    stride, phone = (make_task(name) for name in ("OfficeStride-v2", "OfficePhone-v1"))
+    stride, phone = (make_task(name) for name in ("CampusStride-v1", "CampusPhone-v1"))
     first = generator(0, stride, "w").random(4)
     assert (generator(0, stride, "w").random(4) == first).all()
     nonce = new_nonce()
@@ -79,16 +79,16 @@ def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
 
 
 def test_randomness_without_a_nonce_is_that_of_stored_results() -> None:
-    digest = np.frombuffer(hashlib.sha256(b"OfficeStride-v2\nw").digest(), dtype="<u4").tolist()
+    digest = np.frombuffer(hashlib.sha256(b"CampusStride-v1\nw").digest(), dtype="<u4").tolist()
     before = np.random.default_rng(np.random.SeedSequence([3, *digest]))
-    task = make_task("OfficeStride-v2")
+    task = make_task("CampusStride-v1")
     now = generator(3, task, "w")
     assert (now.random(9) == before.random(9)).all()
     assert (now.spawn(2)[1].random(9) == before.spawn(2)[1].random(9)).all(), "localizers that spawn had those"
 
 
 def test_a_generator_names_neither_seed_nor_walk_and_its_children_are_the_same_each_time() -> None:
-    task, nonce = make_task("OfficeStride-v2"), "9" * 32
+    task, nonce = make_task("CampusStride-v1"), "9" * 32
     seeds = generator(7, task, "w", nonce).bit_generator.seed_seq
     assert isinstance(seeds, np.random.SeedSequence)
     assert not seeds.spawn_key
@@ -136,7 +136,7 @@ def test_held_out_walks_have_a_nonce_that_no_result_tells(localizer: Spec) -> No
     first, second = (
         evaluate(
             localizer("Noisy"),
-            "OfficeStride-v2",
+            "CampusStride-v1",
             walks=1,
             split="heldout",
             secret=secret * 64,
@@ -451,7 +451,7 @@ def test_numeric_errors_and_folder_are_as_before_after_every_walk(tmp_path: Path
     (tmp_path / "rude.py").write_text(RUDE)
     before = np.geterr(), Path.cwd()
     results = evaluate(
-        f"{tmp_path / 'rude.py'}:Rude", "OfficeStride-v2", split="val", walks=2, isolation="none", seeds=1
+        f"{tmp_path / 'rude.py'}:Rude", "CampusStride-v1", split="val", walks=2, isolation="none", seeds=1
     )
     assert [result.status for result in results.results] == ["complete", "complete"]
     assert (np.geterr(), Path.cwd()) == before

@@ -53,11 +53,11 @@ def test_every_form_of_the_same_arrays_gives_the_same_bytes() -> None:
 
 
 def test_a_recording_is_answered_as_in_its_environment() -> None:
-    task = pdrbench.make_task("OfficePhone-v1")
+    task = pdrbench.make_task("CampusPhone-v1")
     recording = task.load(task.split("train")[0])
     found = pdrbench.replay(recording, "dead_reckoning", start=task.tell_start(recording))
     result = pdrbench.evaluate(
-        "dead_reckoning", "OfficePhone-v1", split="train", walks=[recording.id], isolation="none", seeds=1
+        "dead_reckoning", "CampusPhone-v1", split="train", walks=[recording.id], isolation="none", seeds=1
     )
     np.testing.assert_allclose(found.trajectory[:, 1:3], result.results[0].estimates.xy_m, rtol=0, atol=0.5001e-4)
 

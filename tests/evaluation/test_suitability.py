@@ -20,35 +20,35 @@ def cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def test_who_declines_is_what_playing_says() -> None:
-    found = declining(NAMES, "OfficeStride-v2", "val")
-    results = evaluate(NAMES[:4], "OfficeStride-v2", split="val", walks=1, seeds=1, isolation="none").results
+    found = declining(NAMES, "CampusStride-v1", "val")
+    results = evaluate(NAMES[:4], "CampusStride-v1", split="val", walks=1, seeds=1, isolation="none").results
     assert found == {result.localizer: result.failure for result in results if result.status == "unsuitable"}
     assert "stay" not in found and "needs the sensor 'wifi'" in found["wifi_knn"]
-    assert "needs the reference" in declining(["oracle"], "OfficeStride-v2", "test")["oracle"]
+    assert "needs the reference" in declining(["oracle"], "CampusStride-v1", "test")["oracle"]
 
 
 def test_it_is_tried_once_and_again_where_the_split_is_another(monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
     tried: list[str] = []
     reason = suitability._reason
     monkeypatch.setattr(suitability, "_reason", lambda name, *rest: tried.append(name) or reason(name, *rest))
-    first = declining(NAMES, "OfficeStride-v2", "val")
+    first = declining(NAMES, "CampusStride-v1", "val")
     assert set(tried) == set(NAMES)
     tried.clear()
-    assert declining(NAMES, "OfficeStride-v2", "val") == first and not tried
-    declining(NAMES[:1], "OfficeStride-v2", "train")
+    assert declining(NAMES, "CampusStride-v1", "val") == first and not tried
+    declining(NAMES[:1], "CampusStride-v1", "train")
     assert tried == ["stay"]
     (cache / "suitability.json").write_text("torn")
-    assert declining(NAMES, "OfficeStride-v2", "val") == first
+    assert declining(NAMES, "CampusStride-v1", "val") == first
 
 
 def test_a_localizer_that_takes_one_of_the_first_walks_suits(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = make_task("OfficeStride-v2").split("val")[0]
+    first = make_task("CampusStride-v1").split("val")[0]
     monkeypatch.setattr(
         suitability, "_reason", lambda name, episode, split: "not this" if episode.recording.id == first else ""
     )
-    assert declining(["stay"], "OfficeStride-v2", "val") == {}
+    assert declining(["stay"], "CampusStride-v1", "val") == {}
 
 
 def test_code_of_strangers_is_not_loaded(tmp_path: Path) -> None:
     (tmp_path / "loud.py").write_text("raise SystemExit('loaded')\n")
-    assert declining([f"{tmp_path / 'loud.py'}:Loud"], "OfficeStride-v2", "val") == {}
+    assert declining([f"{tmp_path / 'loud.py'}:Loud"], "CampusStride-v1", "val") == {}

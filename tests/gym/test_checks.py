@@ -37,8 +37,8 @@ def test_a_sound_task_passes(phone_task) -> None:
 
 
 def test_an_unknown_task_fails_with_the_nearest_name() -> None:
-    (check,) = check_task("OfficeStrid-v0")
-    assert not check.passed and "OfficeStride-v2" in check.why
+    (check,) = check_task("CampusStrid-v0")
+    assert not check.passed and "CampusStride-v1" in check.why
 
 
 def test_random_recordings_are_found(strides) -> None:

@@ -189,7 +189,7 @@ def test_an_episode_that_is_truncated_has_a_result(phone_task) -> None:
 
 
 def test_a_limit_of_gymnasium_make_gives_a_result(phone_task) -> None:
-    env = ResultAtTruncation(gymnasium.make("pdrbench/OfficeStride-v2", task=phone_task, max_episode_steps=3))
+    env = ResultAtTruncation(gymnasium.make("pdrbench/CampusStride-v1", task=phone_task, max_episode_steps=3))
     env.reset(seed=0)
     assert [set(env.step(np.zeros(3))[4]) for _ in range(3)] == [set(), set(), {"result"}]
 

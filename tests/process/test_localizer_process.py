@@ -26,7 +26,7 @@ from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer, make_task
 from pdrbench.task import Task
 
-ENV = "OfficeStride-v2"
+ENV = "CampusStride-v1"
 ODD = """
     import os, sys, threading, time
     import numba

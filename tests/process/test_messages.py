@@ -76,7 +76,7 @@ def test_a_magnetic_map_arrives_as_it_was_sent(rng: np.random.Generator) -> None
 
 
 def test_a_reference_arrives_as_it_was_sent() -> None:
-    task = make_task("OfficeStride-v2")
+    task = make_task("CampusStride-v1")
     sent = task.load(task.split("train")[0]).reference
     request = read_request(body(messages.GiveReference(1, sent)))
     assert isinstance(request, messages.GiveReference)

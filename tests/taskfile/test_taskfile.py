@@ -97,7 +97,7 @@ def test_units_and_groups_are_stated(folder: Path) -> None:
     assert (dict(task.units), task.unit_kind, dict(task.groups)) == (
         {"one": "A", "two": "B"},
         "person",
-        {"one": "stairs"},
+        {"one": ("stairs",)},
     )
     path.write_text(content)
     with pytest.raises(RecordingError, match="'two' has no unit"):
@@ -145,7 +145,7 @@ def test_a_folder_without_walk_tables_takes_every_recording(folder: Path) -> Non
         ('[[walk]]\nfile = "one.csv"\nsplit = "tst"', "Invalid enum value 'tst'.*number 1"),
         ("[plan.align]\nlat_deg = 3", "missing required field `file`"),
         ("[task", "not TOML"),
-        ('[task]\nid = "OfficeFoot-v2"\n[[walk]]\nfile = "one.csv"', "registered environment"),
+        ('[task]\nid = "CampusFoot-v1"\n[[walk]]\nfile = "one.csv"', "registered environment"),
         ('[task]\nid = "lower-v0"\n[[walk]]\nfile = "one.csv"', "not of the form Name-vN"),
         ('[task]\nsensors = ["acel"]\n[[walk]]\nfile = "one.csv"', "did you mean 'accel'"),
         ('[task]\nsensors = ["stride"]\n[[walk]]\nfile = "one.csv"', "strides are computed for a unit on a foot"),
@@ -186,12 +186,12 @@ def test_a_function_in_a_file_is_an_environment(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     (tmp_path / "made.py").write_text(
         "import dataclasses\nimport pdrbench\n\n\ndef task():\n"
-        '    task = pdrbench.make_task("OfficeStride-v2")\n'
+        '    task = pdrbench.make_task("CampusStride-v1")\n'
         '    return dataclasses.replace(task, id="Made-v0", walks={"test": task.split("test")[:1]})\n'
     )
     assert make_task("made.py:task").id == "Made-v0"
     assert task_place("made.py:task") == f"{tmp_path / 'made.py'}:task"
-    assert task_place("OfficeStride-v2") is None and task_place("pdrbench/OfficeStride-v2") is None
+    assert task_place("CampusStride-v1") is None and task_place("pdrbench/CampusStride-v1") is None
 
 
 def test_plan_places_and_starts_share_a_frame(folder: Path) -> None:

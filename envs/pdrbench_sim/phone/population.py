@@ -1,7 +1,6 @@
 """How people with phones differ: who walks, how hard, where the phone is, and which phone it is.
 
-`draw_bearer` draws one person of a kind. Kinds are named by `KINDS`; a population is some of them. The people of
-`OfficePhone` are drawn by `draw_person` alone and are not changed by anything here.
+`draw_bearer` draws one person of a kind. Kinds are named by `KINDS`; a population is some of them.
 
 The rise of the trunk comes from mechanics. A leg of length l that does not bend carries the hip, over a step of length
 s, along an arc that is s^2 / (8 l) high; at the cadence f = v / s its vertical acceleration has the amplitude

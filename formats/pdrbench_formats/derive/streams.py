@@ -35,7 +35,7 @@ PHONE_MIN_RATE_HZ: Final = 15.0  # five samples in the shortest step
 STEP_LENGTH_M: Final = 0.63  # as dead_reckoning
 POSITION_S: Final = 1.0
 UPRIGHT_S: Final = 2.0
-# Of computed attitudes of phones 0.96 or more (OfficePhone-v1, MallPhone-v2, IpinPhone-v1, nine walks of each), of
+# Of computed attitudes of phones 0.96 or more (simulated offices, MallPhone-v2, IpinPhone-v1, nine walks of each), of
 # shoes 0.62 to 0.76 but for one walk of ten (FootWalks-v1, FootVicon-v1, FootLoops-v1, FootShort-v1): 0.95.
 MIN_UPRIGHT: Final = 0.85
 

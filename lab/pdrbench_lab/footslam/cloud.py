@@ -82,7 +82,7 @@ class SlamParams:
     """
 
     num_particles: int = 2000  # ours: time; the authors take tens of thousands
-    radius_m: float = 1.4  # ours: train walks of OfficeStride-v2; 0.5 in the papers
+    radius_m: float = 1.4  # ours: walks through synthetic offices; 0.5 in the papers
     alpha: float = 0.8
     delay: int = 8  # ours: some 20 m
     resampled_below: float = 0.5  # ours

@@ -37,7 +37,7 @@ class FootSlamParams:
     stride: OdometryNoise = field(default_factory=OdometryNoise)
     unit: OdometryNoise = ADAPTIVE_FILTER
     level_height_m: float = 3.0  # as dead_reckoning
-    sigma_factor: float = 0.9  # ours: train walks of OfficeStride
+    sigma_factor: float = 0.9  # ours: walks through synthetic offices
     least_sigma_m: float = 0.05  # ours
     revises: bool = True
 

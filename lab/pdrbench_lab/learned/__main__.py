@@ -32,9 +32,8 @@ if TYPE_CHECKING:
 PEOPLE, EPOCHS = 400, 3  # of a training by default
 USUAL_WEIGHTS = "phone"
 MEASURED = {
-    "office": "OfficePhone-v1",
+    "campus": "CampusPhone-v1",
     "mall": "MallPhone-v2",
-    "abroad": "OfficePhoneAbroad-v1",
     "museum": "IpinPhone-v1",
 }
 OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
@@ -69,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         help="name of packaged weights or model.safetensors of a run, by default the newest; give two to compare",
     )
-    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on OfficeFoot-v2, nothing else")
+    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on CampusFoot-v1, nothing else")
     measure.add_argument("--split", choices=("train", "val", "test"), default="val")
     measure.add_argument("--only", choices=tuple(MEASURED), help="one of the environments")
     measure.add_argument("--shaking", type=float, default=1.0, help="multiplied by so much, steps and way as they are")
@@ -210,8 +209,8 @@ def _measure_in(network: Network, env: str, given: argparse.Namespace) -> FloatA
         return without_rotation(walk) if given.own_attitude else walk
 
     group_of = {name: walk.mounting for name, walk in walks.items()}
-    if env == "abroad":
-        group_of = {name: of[0] for name, of in task.groups.items()}
+    if env == "campus":
+        group_of = {name: person for name, (_, person) in task.groups.items()}
     for group in sorted({group_of[name] for name in walks}):
         figures = walk_figures(network, [walk for name, walk in walks.items() if group_of[name] == group], changed)
         text = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
@@ -231,14 +230,14 @@ def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
     from pdrbench_lab.learned.measure import window_figures
     from pdrbench_lab.learned.walks import walk_figures
 
-    task = make_task("OfficeFoot-v2")
+    task = make_task("CampusFoot-v1")
     walks = [replace(walk, reference=levelled(walk).reference) for walk in map(task.load, task.split(split))]
     windows, _ = gather(windows_of_sources((FEET,), OTHER_FEET, split))
     feed = Feed(windows, "cpu")
     for name, network in networks.items():
         distance_pct = walk_figures(network, walks)["distance_pct"]  # its places are too rare for the other figures
         print(f"{name}:")  # noqa: T201
-        print(f"  OfficeFoot-v2 {split}: distance {distance_pct:.2f} %")  # noqa: T201
+        print(f"  CampusFoot-v1 {split}: distance {distance_pct:.2f} %")  # noqa: T201
         print(f"  {OTHER_FEET} other people: {window_figures(network, feed, windows).line()}")  # noqa: T201
 
 

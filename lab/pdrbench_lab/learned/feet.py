@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 SEED: Final = 20260722  # of all people here; no environment has it
 GROUPS: Final = {"train": 0, "val": 1, "test": 2}
 PEOPLE_PER_BUILDING: Final = 10
-NUM_LEVELS: Final = 3  # as in OfficeFoot-v2: stairs are walked on
+NUM_LEVELS: Final = 3  # as in CampusFoot-v1: stairs are walked on
 AREA_M2: Final = (1500.0, 4200.0)
 WALK_S: Final = 150.0
-RATES_HZ: Final = (100.0, 120.0, 120.0, 200.0)  # ours: half of the units as in OfficeFoot-v2
+RATES_HZ: Final = (100.0, 120.0, 120.0, 200.0)  # ours: half of the units as in CampusFoot-v1
 BODY_S: Final = 0.1
 DRIFT_S: Final = 20.0  # ours: over which yaw is taken to drift by little; a sway of a step is short beside it
 STILL_M2: Final = 1e-6

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 SEED: Final = 20180717  # of all people here
 PEOPLE_PER_BUILDING: Final = 10
-SWITCHED_FRACTION: Final = 0.25  # as in OfficePhone-v1
+SWITCHED_FRACTION: Final = 0.25  # ours
 SURVEYOR_FRACTION: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
 # Step factor, mean and spread; ours: wider than the fit to the recorded walks, and longer, since legs of offices are
 # short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s, those of offices at 1.1 with 1.02.
 SURVEYOR_STEPS: Final = (1.10, 0.12)
-WALK_S: Final = 150.0  # about as long as walks of OfficePhone-v1: turns and starts reveal a person's steps bit by bit
+WALK_S: Final = 150.0  # about as long as walks of CampusPhone-v1: turns and starts reveal a person's steps bit by bit
 REFERENCE_S: Final = 0.1
 RATES_HZ: Final = (50.0, 100.0)
 DEVICES: Final = ("phone_mid", "phone_good")

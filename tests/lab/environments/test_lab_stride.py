@@ -8,7 +8,7 @@ import pytest
 from pdrbench.episode import Episode
 from pdrbench.errors import UnknownNameError
 from pdrbench.localizer import Estimate
-from pdrbench_envs import office_stride
+from pdrbench_envs.campus import environment
 from pdrbench_envs.generated import start_pose
 from pdrbench_lab.papers.woodman2008.lab_stride import environment as lab_stride
 from pdrbench_lab.papers.woodman2008.lab_stride.lab import ROOMS, in_tracked_wing, tracked_outline
@@ -102,7 +102,7 @@ def test_every_stance_but_the_first_is_scored_at_the_observation_that_delivers_i
 
 
 def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_reference(lost, monkeypatch):
-    monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng, errors: true_rows)
+    monkeypatch.setattr(environment, "measure", lambda true_rows, rng, errors: true_rows)
     recording = lost.load(lost.split("val")[0])
     start = start_pose(recording)
     episode = Episode(recording, lost)

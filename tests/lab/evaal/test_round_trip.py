@@ -63,7 +63,7 @@ def test_strides_and_degrees_go_through_as_well(stride_task, serve) -> None:
 def test_a_served_environment_gives_the_scores_of_evaluate(serve) -> None:
     from pdrbench.evaluation import evaluate, score
 
-    localizer, env = "dead_reckoning", "OfficeStride-v2"
+    localizer, env = "dead_reckoning", "CampusStride-v1"
     task = make_task(env)
     walk = task.split("train")[0]
     with serve(task, walks=1) as (server, ended):

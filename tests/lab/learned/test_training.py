@@ -260,7 +260,7 @@ def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
         load_or_gather(tmp_path, ("people",), 1, "val")
 
 
-@pytest.mark.parametrize("kind", ["people", "office", "bearers"])
+@pytest.mark.parametrize("kind", ["people", "campus", "bearers"])
 def test_every_source_gives_windows(kind: str) -> None:
     part = next(islice(windows_of_sources((kind,), 1), 1))
     assert part.known.sum() == len(part.end) > 60

@@ -142,7 +142,7 @@ def test_a_set_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> No
 def test_localizers_and_environments_use_different_sets() -> None:
     """Of what comes with pdrbench: the prior of drifts in `woodman2008` is that of a set that is not in the law."""
     from pdrbench_baselines.woodman2008.drift import DriftParams
-    from pdrbench_envs.office_stride import stride_errors
+    from pdrbench_envs.campus.environment import stride_errors
 
     file = read_error_file(FITTED)
     by_name = {row.name: row.value for row in file.statistics}

@@ -199,7 +199,7 @@ def test_a_walk_is_answered_as_on_the_processor() -> None:
     Which side of a wall or of a bin a particle is on, or how many are in a batch: from then on other particles are
     drawn. On an H100 that was after 18.8 s. Mean errors of several seeds have a standard deviation of about 0.03 m.
     """
-    task = make_task("OfficeStride-v2")
+    task = make_task("CampusStride-v1")
     recording = task.load(task.split("train")[0])
     ours, theirs = (by_episode(kind(), task, recording).estimates for kind in (Woodman2008Gpu, Woodman2008))
     assert np.hypot(*(ours.xy_m - theirs.xy_m)[ours.t_s < 15.0].T).max() < 1e-3

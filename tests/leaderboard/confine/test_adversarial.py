@@ -133,7 +133,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
         "data_file": str(data / "truth.csv"),
         "secret_file": str(root / "secret.txt"),
         "results": str(root / "out"),
-        "env_source": str(Path(pdrbench_envs.__file__).parent / "office_stride.py"),
+        "env_source": str(Path(pdrbench_envs.__file__).parent / "campus" / "environment.py"),
         "simulator_source": str(Path(pdrbench_sim.__file__).parent / "people" / "walk.py"),
         "plugin_source": str(site / PLUGIN.name),
         "numba": os.environ.get("NUMBA_CACHE_DIR", str(home)),

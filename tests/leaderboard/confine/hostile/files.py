@@ -58,7 +58,7 @@ class ImportsEnvironment(Probe):
 
     def attempts(self) -> dict[str, Attempt]:
         return {
-            "ours": (lambda: importlib.import_module("pdrbench_envs.office_stride"), FILES | HIDDEN),
+            "ours": (lambda: importlib.import_module("pdrbench_envs.campus.environment"), FILES | HIDDEN),
             "simulator": (lambda: importlib.import_module("pdrbench_sim.people.walk"), FILES | HIDDEN),
             "plugin": (lambda: importlib.import_module("corridor_plugin"), FILES),
             "loads-ours": (lambda: self.loads("CampusStride-v1"), FILES | HIDDEN),

@@ -13,8 +13,8 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import Task
+from pdrbench_envs.campus.environment import STRIDE_PERIOD_S, record_strides, stride_recording
 from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
-from pdrbench_envs.office_stride import PERIOD_S, record_strides, stride_recording
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -67,7 +67,7 @@ def task() -> Task:
             description=_DESCRIPTION,
             sensors=(STRIDE,),
             capacity={"stride": 2},
-            period_s=PERIOD_S,
+            period_s=STRIDE_PERIOD_S,
             start="unknown",
             walks=WALKS.ids(),
             load=load,
