@@ -279,3 +279,14 @@ def test_two_headers_and_no_time(phone_walk: Rows, tmp_path: Path) -> None:
     log, _ = read_or_follow(path)
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
+
+
+def test_numbers_without_a_header_are_read_by_the_map_in_the_message(phone_walk: Rows, tmp_path: Path) -> None:
+    path = tmp_path / "numbers.txt"
+    columns = table(phone_walk, "gyro", "accel", t=1e9, begin=60_000.0)
+    path.write_bytes(samples.text_of("", columns, "\t", "%.15g"))
+    with pytest.raises(RecordingError, match=r"numbers without a header.*header_line = 0"):
+        read(path)
+    log, _ = read_or_follow(path)
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
+    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)

@@ -676,3 +676,13 @@ def test_a_real_building_can_be_walked_from_the_lowest_to_the_highest_level() ->
     reached = [building.polygons[i] for i, part in enumerate(parts) if part == 0]
     assert {polygon.level for polygon in reached} == set(building.levels)
     assert sum(polygon.kind == "stairs" for polygon in reached) >= 250
+
+
+def test_a_room_on_half_a_level_is_listed(tmp_path: Path) -> None:
+    path = osm(tmp_path)
+    text = path.read_text()
+    room = text.replace('k="indoor" v="room"/><tag k="level" v="0-1"', 'k="indoor" v="room"/><tag k="level" v="0.5"', 1)
+    assert room != text
+    path.write_text(room)
+    (found,) = [repair for repair in read_plan(path).repairs if repair.kind == "level left out"]
+    assert "m² on level 0.5" in found.what

@@ -179,10 +179,14 @@ def _add(
     tags = feature.tags
     levels = [level for level in _levels(feature, tags) if level in known]
     area, name = _area_kind(feature), feature.text("name") or feature.text("ref")
+    shape = to_metres(feature.shape, geo)
     if not levels:
+        if area:
+            on = feature.text("level") or "none"
+            what = f"{area} of {shape.area:.1f} m² on level {on}, which is no whole level that has floor: left out"
+            builder.note("level left out", f"{feature.id}: {what}")
         skipped["without a whole level that has floor"] += 1
         return []
-    shape = to_metres(feature.shape, geo)
     if area == "floor":
         for level in levels:
             builder.add_walkable(

@@ -92,7 +92,7 @@ _OTHER: Final = (
     "uncal", "bias", "offset", "std", "sigma", "cov", "accuracy", "temp", "norm", "abs", "ref", "truth", "watch",
     "wrist", "headphone", "angularacceleration",
 )  # fmt: skip
-_FILLERS: Final = ("raw", "data", "value", "values", "val", "calibrated", "cal", "axis", "sensor")
+_FILLERS: Final = ("raw", "data", "value", "values", "val", "calibrated", "cal", "axis", "sensor", "measurement")
 TIME_NAMES: Final = (
     "t", "time", "timestamp", "ts", "seconds", "sec", "secs", "millis", "elapsed", "secondselapsed", "timeelapsed",
     "elapsedtime", "timesincestart", "date", "datetime", "unixtime", "unix", "epoch", "sampletime", "zeit", "temps",
@@ -261,13 +261,18 @@ def sensor_in(text: str) -> str:
 def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
     """What columns without names may be: a time that grows, then vectors, the first with gravity being the force."""
     names = list(table.columns)
-    values = _seen(table, names)
+    try:
+        values = _beginning(table, names).table(names)
+    except RecordingError:
+        return None
     steps = np.diff(values, axis=0)
     times = [k for k in range(len(names)) if len(steps) and (steps[:, k] >= 0).all() and steps[:, k].any()]
     if not times or len(names) < times[0] + 4:
         return None
     vectors = [tuple(names[k : k + 3]) for k in range(times[0] + 1, len(names) - 2, 3)]
-    force = next((vector for vector in vectors if _has_gravity(table, vector)), None)
+    force = next(
+        (vector for vector in vectors if _has_gravity(table, vector) and _is_gravity_long(table, vector)), None
+    )
     if force is None:
         return None
     found: dict[str, Any] = {"time": names[times[0]], "accel": force, "header_line": 0}
@@ -357,6 +362,12 @@ def _has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
     return lengths[0] > 0.6 * lengths[1]
 
 
+def _is_gravity_long(table: DelimitedTable, names: Sequence[str]) -> bool:
+    """Whether a vector is usually as long as gravity in one of the units of acceleration."""
+    usual = float(np.median(np.sqrt((_seen(table, names) ** 2).sum(axis=1))))
+    return any(0.8 < usual * factor / UNITS["accel_unit"]["g"] < 1.25 for factor in UNITS["accel_unit"].values())
+
+
 def _is_pressure(table: DelimitedTable, name: str) -> bool:
     values = _seen(table, [name])
     middle = float(np.median(values)) if len(values) else 0.0
@@ -380,8 +391,11 @@ def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: boo
 
 def _is_epoch(table: DelimitedTable, name: str) -> bool:
     """Whether a time counts from 1970, in any unit."""
-    first = _seen(table, [name])[:1]
-    return bool(len(first)) and any(6e8 < first[0, 0] * s < 6e9 for s in SECONDS_IN.values())
+    try:
+        first = _beginning(table, [name]).numbers(name)[:1]
+    except RecordingError:  # a date
+        return True
+    return bool(len(first)) and any(6e8 < first[0] * s < 6e9 for s in SECONDS_IN.values())
 
 
 def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:

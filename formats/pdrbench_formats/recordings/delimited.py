@@ -345,9 +345,8 @@ def decimal_of(sample: bytes, separator: str) -> str:
 
 def _without_comments(content: bytes, begin: int, dropped: Counter[str]) -> tuple[bytes, int]:
     """The rows without lines that begin as a comment, and where they begin."""
-    marks = [mark.encode() for mark in COMMENTS]
-    found = content.startswith(tuple(marks), begin) or any(content.find(b"\n" + mark, begin) >= 0 for mark in marks)
-    if not found:
+    marks = tuple(mark.encode() for mark in COMMENTS)
+    if not content.startswith(marks, begin) and not any(content.find(b"\n" + mark, begin) >= 0 for mark in marks):
         return content, begin
     rows, num = _COMMENT_LINE.subn(b"", content[begin:])
     dropped["comment"] += num
@@ -365,34 +364,28 @@ def _whole_lines(
     exact: bool,
 ) -> tuple[bytes, int, list[str]]:
     """The rows and where they begin, each with as many fields as there are names; a few odd lines are left out."""
-    if content.find(b'"', begin) >= 0:  # fields in quotes may hold separators: the parser counts them
-        return content, begin, names
+    mark = separator.encode()
     num_lines = content.count(b"\n", begin) + (not content.endswith(b"\n"))
-    if content.find(b"\n\n", begin) < 0 and content.count(separator.encode(), begin) == num_lines * (len(names) - 1):
-        return content, begin, names  # where a line has too few, another has too many, which the parser refuses
-    codes = np.frombuffer(content, dtype=np.uint8, offset=begin)
-    ends = np.flatnonzero(codes == ord("\n"))
-    if not content.endswith(b"\n"):
-        ends = np.append(ends, len(codes))
-    marks = np.flatnonzero(codes == ord(separator))
-    per_line = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
-    is_row = np.diff(ends, prepend=-1) > 1
-    if not is_row.any():
+    in_quotes = content.find(b'"', begin) >= 0  # fields in quotes may hold separators: the parser counts them
+    is_even = content.find(b"\n\n", begin) < 0 and content.count(mark, begin) == num_lines * (len(names) - 1)
+    if in_quotes or is_even:  # where a line has too few, another has too many, which the parser refuses
         return content, begin, names
-    if (per_line[is_row] == len(names) + 1).all() and (codes[ends[is_row] - 1] == ord(separator)).all():
+    lines = content[begin:].split(b"\n")
+    num_fields = {row: line.count(mark) + 1 for row, line in enumerate(lines) if line}
+    if not num_fields:
+        return content, begin, names
+    if set(num_fields.values()) == {len(names) + 1} and all(lines[row].endswith(mark) for row in num_fields):
         names = [*names, ""]  # a separator at the end of each row, though not of the header
-    wrong = np.flatnonzero(is_row & (per_line != len(names)))
-    is_last = len(wrong) == 1 and wrong[0] == np.flatnonzero(is_row)[-1] and per_line[wrong[0]] < len(names)
-    if len(wrong) > (0 if exact else most_odd(int(is_row.sum()))) and not is_last:
-        row = int(wrong[0])
+    odd = [row for row, num in num_fields.items() if num != len(names)]
+    is_cut = odd == [max(num_fields)] and num_fields[odd[0]] < len(names)
+    if len(odd) > (0 if exact else most_odd(len(num_fields))) and not is_cut:
         raise RecordingError(
-            f"{path}: line {first_line + row}: {int(per_line[row])} fields, expected {len(names)}; "
+            f"{path}: line {first_line + odd[0]}: {num_fields[odd[0]]} fields, expected {len(names)}; "
             f"the line is cut, or numbers are written with decimal commas: delete the line or export the file again"
         )
-    if not len(wrong):
+    if not odd:
         return content, begin, names
-    dropped["last line cut" if is_last else "line with another number of fields"] += len(wrong)
-    lines = content[begin:].split(b"\n")
-    for row in wrong.tolist():
+    dropped["last line cut" if is_cut else "line with another number of fields"] += len(odd)
+    for row in odd:
         lines[row] = b""
     return b"\n".join(lines), 0, names

@@ -22,6 +22,7 @@ from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _MAX_APART_S: Final = 60.0  # between the beginnings of sensors of one recording
 _MAX_KINDS: Final = 40  # of records in one table
+_RAW: Final = "uncal"  # kinds of records as the phone does not calibrate them: small biases, but for magnetometers
 _BEST_ATTITUDE: Final = ("game", "rotation", "quat")  # in the name: without the magnetometer first
 
 
@@ -132,6 +133,9 @@ def by_kind(table: DelimitedTable) -> list[SensorTable]:
         texts = np.array(table.texts(name))
         kinds = list(dict.fromkeys(texts[: 50 * _MAX_KINDS].tolist()))
         sensors = {kind: sensor_in(kind) for kind in kinds}
+        raw = {kind: sensor_in(kind[len(_RAW) :]) for kind in kinds if kind.lower().startswith(_RAW)}
+        known = set(sensors.values())
+        sensors |= {kind: sensor for kind, sensor in raw.items() if sensor in ("accel", "gyro") and sensor not in known}
         if len(kinds) <= _MAX_KINDS and set(sensors.values()) & {"accel", "gyro"}:
             return [
                 SensorTable(kind, sensor, _rows_of(table, texts == kind, name))

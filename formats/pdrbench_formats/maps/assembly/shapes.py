@@ -139,7 +139,8 @@ def geos_error() -> type[Exception]:
     """What shapely raises where an overlay has no answer."""
     from shapely.errors import GEOSException
 
-    return GEOSException
+    found: type[Exception] = GEOSException
+    return found
 
 
 def large_parts(shape: Any, min_m2: float) -> list[Any]:
