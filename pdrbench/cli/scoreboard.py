@@ -20,7 +20,7 @@ def print_scores(rows: Sequence[Row], columns: Sequence[str] | None = None) -> N
     """One table per environment and split; localizers that declined every walk are left to the footnotes."""
     for title, names, cells in score_tables(rows, stacked, columns):
         head: dict[str, Mapping[str, Any]] = {_broken(name): {"justify": "right", "no_wrap": True} for name in names}
-        head["localizer"] = {"no_wrap": True}
+        head[_broken(names[0])] = {"no_wrap": True}
         print_table(head, cells, title, [_broken(name) for name in DISPENSABLE])
 
 

@@ -183,10 +183,22 @@ def _strata(
             "walks": len({result.walk for result, _ in part}),
             "places": sum(len(scored.errors_m) for _, scored in part) // len({result.seed for result, _ in part}),
             "declined": declined[name] if by == "group" else 0,
-            "metrics": _metrics(part, [metric for metric in STRATUM_METRICS if metric in part[0][1].scores]),
+            "metrics": _metrics(part, [metric for metric in STRATUM_METRICS if metric in part[0][1].scores])
+            | ({RANKING: _geometric(part, task.noise_m)} if by == "group" else {}),
         }
         for (by, name), part in parts.items()
     ]
+
+
+def _geometric(part: Sequence[tuple[Result, Scored]], noise_m: float) -> dict[str, Any]:
+    """Geometric mean over walks, and over the seeds of each, of what ranks."""
+    unit = {result.walk: scored.unit for result, scored in part}
+    log_m = np.log(
+        np.maximum(_by_walk_and_seed(part, list(unit), sorted({r.seed for r, _ in part}), WALK_VALUE), noise_m)
+    )
+    by_walk = np.nanmean(log_m, axis=1)
+    low, high = mean_interval(by_walk, list(unit.values()))
+    return _number(math.exp(by_walk.mean()), "m", math.exp(low), math.exp(high), len(by_walk))
 
 
 def _by_walk_and_seed(

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from pdrbench.errors import unknown_name
 from pdrbench.evaluation.number_text import NOTHING, decimals
-from pdrbench.evaluation.rows import RANKING, SCAN_STRATA, Row
+from pdrbench.evaluation.rows import RANKING, Row
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.metrics.ranking import NUM_ENTRIES, POWER
 from pdrbench.metrics.statistics import MIN_UNITS
@@ -22,7 +22,7 @@ MORE_COLUMNS: Final = (
 )
 ALL_COLUMNS: Final = (*COLUMNS, *MORE_COLUMNS)
 KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
-NOT_APPLICABLE: Final = "n/a"  # a stratum that a localizer declines
+STRATA_COLUMNS: Final = 5  # localizers of a table by stratum, so that it fits
 
 Cell = Callable[[str, Mapping[str, Any] | None], str]  # of a name and an entry of `metrics`, None where there is none
 
@@ -66,9 +66,9 @@ def score_tables(
         most = max(row["of"] for row in entries)
         intervals = describe_interval(max(row["units"] for row in entries), entries[0]["unit_kind"], most)
         found.append((f"{env}, {split} split, {counted('walk', most)}; {intervals}", ["localizer", *names], lines))
-        header, lines = strata_cells(entries, cell)
+        header, lines = strata_cells(entries)
         if lines and has_strata:
-            found.append((f"{env}, {split} split, by group of walks and distance to the nearest scan", header, lines))
+            found.append((f"{env}, {split} split, by kind of walk", header, lines))
     return found
 
 
@@ -219,27 +219,20 @@ def last_line(failure: str) -> str:
     return lines[-1] if lines else "no reason given"
 
 
-def strata_cells(rows: Sequence[Row], cell: Cell) -> tuple[list[str], list[list[str]]]:
-    """Header and lines of a table by stratum, two lines a localizer: mean over walks, and over all places together.
+def strata_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines of a table by stratum: one a line, the first localizers beside each other.
 
     Args:
-        rows: Of one environment and split, as `Results.rows` has them.
-        cell: Text of an entry of `metrics`.
+        rows: Of one environment and split, as `Results.rows` has them, best first.
     """
-    every = [(row, {of["name"]: of for of in row.get("strata", ())}) for row in rows]
-    sizes: dict[str, tuple[int, int]] = {}
-    for part in (part for _, parts in every for part in parts.values()):
-        sizes[part["name"]] = max((part["walks"], part["places"]), sizes.get(part["name"], (0, 0)))
-    names = [name for name in sizes if name not in SCAN_STRATA] + [name for name in SCAN_STRATA if name in sizes]
-    header = [f"{name}: {counted('walk', sizes[name][0])}, {counted('place', sizes[name][1])}" for name in names]
-    lines = [
-        [shown_name(row["localizer"], row["division"]), metric]
-        + [cell(metric, parts[name]["metrics"][metric]) if name in parts else NOT_APPLICABLE for name in names]
-        for row, parts in every
-        for metric in ("mean_m", "pooled_mean_m")
-        if parts
-    ]
-    return ["localizer", "metric", *header], lines
+    shown = [(row, {of["name"]: of for of in row.get("strata", ())}) for row in rows]
+    shown = [(row, parts) for row, parts in shown if parts][:STRATA_COLUMNS]
+    lines = []
+    for name, part in {name: part for _, parts in shown for name, part in parts.items()}.items():
+        metric = RANKING if part["by"] == "group" else "mean_m"
+        cells = [brief(metric, parts[name]["metrics"][metric]) if name in parts else "n/a" for _, parts in shown]
+        lines.append([f"{name}: {counted('walk', part['walks'])}, {metric}", *cells])
+    return ["stratum", *(shown_name(row["localizer"], row["division"]) for row, _ in shown)], lines
 
 
 def describe_offline(revise_s: float | None) -> str:

@@ -212,6 +212,9 @@ def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(
     found = strata["seen floor"]["metrics"]["p75_level_penalised_m"]
     assert found["value"] == pytest.approx(here.groupby("walk")["p75_level_penalised_m"].mean().mean())
     assert found["low"] < found["value"] < found["high"]
+    log = np.log(here["p75_level_penalised_m"]).groupby(here["walk"]).mean()
+    geometric = strata["seen floor"]["metrics"]["p75_geometric_m"]
+    assert geometric["value"] == pytest.approx(math.exp(log.mean())) and geometric["low"] < geometric["value"]
     assert strata["unseen floor"]["metrics"]["mean_m"]["low"] is None, "two units are too few"
     errors_m = [
         s.errors_m for r, s in zip(results.results, results.scored, strict=True) if r.localizer == row["localizer"]
@@ -220,7 +223,7 @@ def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(
     assert between == pytest.approx(np.mean([of[2:4] for of in errors_m]))
     assert {of["declined"] for of in row["strata"]} == {0} and declined["strata"] == []
     for text in (anew.table(), anew.to_markdown()):
-        assert "seen floor: 4 walks, 48 places" in text and "scan 0–3 m" in text
+        assert "seen floor: 4 walks, p75_geometric_m" in text and "scan 0–3 m: 6 walks, mean_m" in text
     assert ",unseen floor,mean_m," in anew.to_csv()
 
 
