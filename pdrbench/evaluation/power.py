@@ -81,6 +81,7 @@ def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Played]) -> 
     spreads = _neighbours(played)
     error, degrees = neighbour_error(spreads, designs)
     count = sum(walks[env] for env in played)
+    smallest = smallest_ratio(error, degrees) if math.isfinite(error) else math.nan
     known = [of for pair in spreads for of in pair.values() if math.isfinite(of.unit)]
     return {
         "board": board or None,
@@ -88,7 +89,7 @@ def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Played]) -> 
         "localizers": len(spreads) + 1,
         "units": round(sum(design.units for design in designs.values())),
         "walks": count,
-        "smallest_ratio": smallest_ratio(error, degrees) if math.isfinite(error) else None,
+        "smallest_ratio": smallest if math.isfinite(smallest) else None,
         "walks_for": {f"{ratio:g}": walks_for(ratio, error, degrees, count) for ratio in RATIOS},
         "spread": {part: _median_spread([getattr(of, part) for of in known]) for part in ("unit", "walk", "seed")},
     }

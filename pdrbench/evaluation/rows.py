@@ -98,8 +98,8 @@ def rows_of(pairs: Sequence[tuple[Result, Scored]], rankings: Mapping[Place, Ran
     rows = {key: _row(group, make_task(group[0][0].task)) for key, group in groups.items()}
     for place, ranking in rankings.items():
         for of in ranking.standings:
-            row = rows[place, of.name]
-            row |= {"rank": list(of.rank), "smallest_ratio": _known(ranking.smallest_ratio())}
+            row, smallest = rows[place, of.name], ranking.smallest_ratio()
+            row |= {"rank": list(of.rank), "smallest_ratio": smallest if math.isfinite(smallest) else None}
             row["metrics"] |= {
                 RANKING: _number(of.score_m, "m", of.low_m, of.high_m, of.walks),
                 "ratio_to_best": _number(of.ratio, "", of.ratio_low, of.ratio_high, of.walks),

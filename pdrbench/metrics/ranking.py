@@ -31,6 +31,7 @@ from pdrbench.metrics.statistics import (
 SIGNIFICANT: Final = 0.05  # p-value, corrected, below which two localizers are told apart
 NUM_ENTRIES: Final = 15  # of a board for which power is stated: those of version 1.0
 POWER: Final = 0.8  # by convention
+MAX_LOG_RATIO: Final = 20.0  # two or three units tell nothing: no localizer errs 5e8 times as much
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +197,8 @@ def smallest_ratio(error: float, degrees: float, num_entries: int = NUM_ENTRIES)
         num_entries: At least 2.
     """
     level = SIGNIFICANT / math.comb(num_entries, 2)
-    return math.exp((student(degrees, 1 - level) + student(degrees, 2 * POWER - 1)) * error)
+    log_ratio = (student(degrees, 1 - level) + student(degrees, 2 * POWER - 1)) * error
+    return math.inf if log_ratio > MAX_LOG_RATIO else math.exp(log_ratio)
 
 
 @dataclass(frozen=True, slots=True)
