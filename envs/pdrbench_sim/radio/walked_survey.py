@@ -23,6 +23,7 @@ SURVEY_MPS: Final = 1.1  # [M] of the surveyors of ILC20
 PERIOD_HEARD: Final = (
     ScanParams().period_heard
 )  # identifiers that set the pace of scans: that of the surveyors of ILC20
+CLEARANCE_M: Final = 0.3  # of a way from corners; sources.md 1.10
 SPACING_M: Final = 0.5  # of the points of a survey walk; ours
 REPLACED_A_MONTH: Final = 0.05  # of the boxes: they send other identifiers then (sources.md 1.9)
 
@@ -94,7 +95,7 @@ def _way(rng: np.random.Generator, mesh: NavigationMesh, level: int, length_m: f
     places, come_m, routes = [draw_place(rng, mesh, level=level)], 0.0, list[Route]()
     while come_m < length_m:
         places.append(draw_place(rng, mesh, level=level))
-        routes.append(mesh.route(*places[-2:], 0.3))
+        routes.append(mesh.route(places[-2], places[-1], CLEARANCE_M))
         come_m += routes[-1].length_m
     xy_m = [routes[0].xy_m, *(route.xy_m[1:] for route in routes[1:])]
     return Route(np.concatenate(xy_m), np.concatenate([route.polygon for route in routes]))
