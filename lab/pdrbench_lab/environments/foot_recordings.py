@@ -37,13 +37,14 @@ def both_ends(log: Log) -> Trajectory:
 
 _LOOPS: Final = FootSet(
     env="FootLoops-v1",
-    dataset="foot_loops",
+    datasets=("foot_loops",),
     pattern="Measurement_*/data_inert.txt",
     read=foot_loops.read,
     reference=both_ends,
     device="MicroStrain 3DM-GX2",
     sensors=("accel", "gyro", "mag"),
     rate_hz=250.0,
+    noise_m=0.01,
     summary="A unit in the sole of a shoe, loops of 81 to 89 m that close to a centimetre; start place known",
     description="""\
 Loops of 81 to 89 m, some 10 by 29 m, walked at 5 km/h with a unit in the sole of the right shoe (Skog, Nilsson,
@@ -54,13 +55,14 @@ Handel 2010). The shoe rests for a few seconds at both ends and stands on the sa
 )
 _SHORT: Final = FootSet(
     env="FootShort-v1",
-    dataset="foot_short",
+    datasets=("foot_short",),
     pattern="*.csv",
     read=foot_short.read,
     reference=both_ends,
     device="x-io NGIMU",
     sensors=("accel", "gyro"),
     rate_hz=398.0,
+    noise_m=0.01,
     summary="A unit on the foot, one loop of 25 m; start place known",
     description="""\
 One loop of some 25 m that ends where it began, of x-io's example of gait tracking. Samples were lost on the way to the
@@ -80,13 +82,14 @@ def _both_feet(path: Path) -> Log:
 
 _DUAL: Final = FootSet(
     env="FootDual-v1",
-    dataset="foot_dual",
+    datasets=("foot_dual",),
     pattern="imuMeas*.csv",
     read=_both_feet,
     reference=motion_capture,
     device="not stated",
     sensors=("accel", "gyro", "accel_2", "gyro_2"),
     rate_hz=60.0,
+    noise_m=0.01,
     summary="Units on both feet of one walker at 60 Hz, 62 and 72 m; start pose known",
     description="""\
 One person walks for 120 s with a unit on each foot (Hu, Hu 2025). Each of the two walks follows one foot: `accel` and
