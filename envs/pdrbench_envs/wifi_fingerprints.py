@@ -133,7 +133,7 @@ def load(walk: str) -> Recording:
         raise unknown_name(f"walk of {ENV}", walk, groups())
     group = groups()[walk]
     rows, part = rows_of(group), _part(group.of, group.fold)
-    t_s = np.arange(len(rows)) * PAUSE_S
+    t_s = np.arange(len(rows), dtype=np.float64) * PAUSE_S
     scan, access_point = np.nonzero(~np.isnan(part.rssi_dbm[rows]))
     none = np.zeros(len(scan))  # of frequency, which is not in the files, and of age
     wifi = np.column_stack([t_s[scan], access_point, part.rssi_dbm[rows][scan, access_point], none, none])
@@ -214,7 +214,8 @@ def read_set(name: str, folder: Path | str) -> FingerprintSet:
     columns = sets[name]
     if columns["train"].endswith(".mat"):
         return read(Path(folder) / columns["train"])
-    return FingerprintSet(*(_read_csv(Path(folder) / columns[part], columns) for part in ("train", "test")), 1.0)
+    train, test = (_read_csv(Path(folder) / columns[part], columns) for part in ("train", "test"))
+    return FingerprintSet(train, test, ground_scale=1.0)
 
 
 @functools.cache

@@ -61,8 +61,10 @@ def wifi_rows(table: ScanTable | FloatArray) -> tuple[FloatArray, float | None]:
     else:
         frame, names, rssi_dbm = _columns(table)
         t_s = frame["t_s"].to_numpy(np.float64) if "t_s" in frame.columns else None
-    pause_s = min(PAUSE_S, MAX_WALK_S / max(len(rssi_dbm), 1)) if t_s is None else None
-    t_s = np.arange(len(rssi_dbm)) * pause_s if t_s is None else t_s
+    pause_s = None
+    if t_s is None:
+        pause_s = min(PAUSE_S, MAX_WALK_S / max(len(rssi_dbm), 1))
+        t_s = np.arange(len(rssi_dbm)) * pause_s
     heard = _heard(rssi_dbm, names)
     scan, column = np.nonzero(~np.isnan(heard))
     none = np.zeros(len(scan))  # of frequency and age

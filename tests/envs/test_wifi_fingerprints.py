@@ -53,7 +53,7 @@ def test_the_nearest_neighbour_has_its_published_errors(task: Task) -> None:
     survey = task.radio_map(walks[0])
     assert survey is not None
     scan = np.repeat(np.arange(len(survey)), np.diff(survey.first))
-    known = table_of(scan, survey.access_point, survey.rssi_dbm)
+    known = table_of(scan, survey.access_point.astype(np.float64), survey.rssi_dbm)
     search = NearestNeighbors(n_neighbors=1, algorithm="brute").fit(known)
     heard = [walk.streams["wifi"].rows.T for walk in walks]
     scans = np.concatenate([table_of((t_s / task.period_s).astype(int), *rows[:2]) for t_s, *rows in heard])
