@@ -12,7 +12,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.trajectory import Trajectory
+from pdrbench.trajectory import Start, Trajectory
 
 MAX_WALK_S: Final = 86_400.0  # a day; a time beyond it is a clock of another unit
 
@@ -192,6 +192,12 @@ class RadioMap:
 
     def __len__(self) -> int:
         return len(self.level)
+
+    def middle(self) -> Start:
+        """The median of the places on the level that has the most scans, the lower of two alike."""
+        levels, counts = np.unique(self.level, return_counts=True)
+        level = int(levels[counts.argmax()])
+        return Start(np.median(self.xy_m[self.level == level], axis=0), level)
 
 
 @dataclass(frozen=True, slots=True)

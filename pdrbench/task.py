@@ -171,10 +171,16 @@ class Task:
         raise unknown_name(f"walk of {self.id}", walk, [w for walks in self.walks.values() for w in walks])
 
     def fallback(self, recording: Recording) -> Start:
-        """Where the pedestrian counts as being before the first answer: the start, else the map's centre, else 0, 0."""
+        """Where the pedestrian counts as being before the first answer.
+
+        The start, else the centre of the building, else the middle of the radio survey, else the origin.
+        """
         if self.start != "unknown":
             return self.tell_start(recording)
-        return Start(np.zeros(2), level=0) if recording.building is None else recording.building.centre()
+        if recording.building is not None:
+            return recording.building.centre()
+        survey = self.radio_map(recording)
+        return survey.middle() if survey else Start(np.zeros(2), level=0)
 
     def brief(self, recording: Recording) -> Briefing:
         """What a localizer is given before it plays `recording`; no name in it identifies the walk or its split."""

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
+from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import make_task
 from pdrbench.task import Task
-from pdrbench.trajectory import Start
+from pdrbench.trajectory import Start, Trajectory
 
 TASK = Task(
     id="Parts-v0",
@@ -41,6 +42,17 @@ def test_folds_part_whole_units() -> None:
     with pytest.raises(RecordingError, match="unit '1' lies in two folds"):
         replace(TASK, units=UNITS, folds={"a": 0, "b": 1, "c": 1})
     assert replace(TASK, groups={"d": ("later",)}).groups == {"d": ("later",)}
+
+
+def test_without_a_start_and_a_building_a_silent_localizer_is_in_the_middle_of_the_survey() -> None:
+    """On the level with the most scans; an outlier moves it little. Without a survey nothing is known."""
+    xy_m = np.array([[0.0, 0.0], [1.0, 4.0], [2.0, 5.0], [3.0, 6.0], [900.0, 7.0], [50.0, 50.0]])
+    level, none = np.array([0, 1, 1, 1, 1, 2]), np.zeros(0)
+    survey = RadioMap(xy_m, level, np.zeros(6, int), np.zeros(7, int), none.astype(int), none, none)
+    walk = Recording("d", None, {}, Trajectory(none, np.zeros((0, 2)), none.astype(int), none.astype(bool)))
+    for radio_map, middle in ((lambda _: survey, ([2.5, 5.5], 1)), (TASK.radio_map, ([0.0, 0.0], 0))):
+        fallback = replace(TASK, start="unknown", radio_map=radio_map).fallback(walk)
+        assert (fallback.xy_m.tolist(), fallback.level) == middle
 
 
 @pytest.mark.parametrize(

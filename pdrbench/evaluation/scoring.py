@@ -241,8 +241,10 @@ def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatAr
     unit = task.units.get(result.walk, building)
     if result.status == UNSUITABLE:
         return Scored({}, building, unit, np.zeros(0), np.zeros(0), *_seen(recording))
-    if task.start == "unknown" and recording.building is None:
-        raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
+    if task.start == "unknown" and recording.building is None and not task.radio_map(recording):
+        raise ResultError(
+            f"{task.id} gives neither a start nor a building nor a survey: a silent localizer cannot be scored"
+        )
     fallback = task.fallback(recording)
     scores = score_estimates(
         result.estimates,
