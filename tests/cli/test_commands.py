@@ -187,10 +187,14 @@ def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> 
     assert "4711" not in json.dumps(outcome.json) and "PermissionError" in json.dumps(outcome.json)
 
 
-@pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
-def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], command: Any, place: Path) -> None:
+@pytest.mark.parametrize(
+    ("before", "after"), [(["check", "localizer"], []), (["run"], ["CampusStride-v1", "--walks", 1])]
+)
+def test_a_file_that_exits_on_import_ends_no_other_localizer(
+    before: list[str], after: list[object], command: Any, place: Path
+) -> None:
     (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
-    outcome = command(*what, "leaves.py:Mine", *(["CampusStride-v1"] if what == ["run"] else []))
+    outcome = command(*before, "leaves.py:Mine", *after)
     assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err + outcome.out
 
 
