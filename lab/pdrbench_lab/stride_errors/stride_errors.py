@@ -24,6 +24,7 @@ from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
 from pdrbench.trajectory import Trajectory
+from pdrbench_envs.foot_recordings import VICON, WALKS, found_walks, walk_ids
 
 FILTERS: Final[Mapping[str, FootParams]] = MappingProxyType({"literal": LITERAL, "adaptive": FootParams()})
 MIN_STRIDE_M: Final = 0.5  # a shorter stride has no clear direction
@@ -148,7 +149,7 @@ def _is_surveyed(reference: Trajectory, when_s: FloatArray) -> BoolArray:
 
 
 def measure_errors(filter_name: str = "literal", envs: Sequence[str] = tuple(SETS)) -> ErrorFile:
-    """Measures on every walk of some environments.
+    """Measures on every walk of some environments, but those of later sets, which are left to try the result on.
 
     Args:
         filter_name: One of `FILTERS`.
@@ -185,11 +186,18 @@ def measure_errors(filter_name: str = "literal", envs: Sequence[str] = tuple(SET
     )
 
 
+def _later_walks(env: str) -> set[str]:
+    """Walks of all datasets of an environment but the first."""
+    kind = next(kind for kind in (VICON, WALKS) if kind.env == env)
+    return {walk for walk, (name, _) in walk_ids(found_walks(kind)).items() if name != kind.datasets[0]}
+
+
 def _walks_of(env: str, params: FootParams) -> tuple[list[WalkErrors], ErrorSource]:
     task = make_task(env)
     used: list[WalkErrors] = []
     left_out: dict[str, str] = {}
-    for walk in (walk for split in task.walks.values() for walk in split):
+    later = _later_walks(env)
+    for walk in (walk for split in task.walks.values() for walk in split if walk not in later):
         recording = task.load(walk)
         try:
             errors = walk_errors(recording, params, SETS[env])
