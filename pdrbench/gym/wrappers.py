@@ -171,7 +171,8 @@ class StartInObservation(
 ):
     """Adds `start` (6,): x_m, y_m, level, cosine and sine of the heading (0, 0 where it is not known), radius_m.
 
-    Where no start is given, it is the centre of the building, with a radius that covers the building.
+    Where no start is given, it is the centre of the building, with a radius that covers the building; where there is
+    no building either, the middle of the radio survey, with a radius that covers the survey.
     """
 
     def __init__(self, env: LocalizationWrapped) -> None:
@@ -197,6 +198,8 @@ class StartInObservation(
         elif briefing.building is not None:
             x0_m, y0_m, x1_m, y1_m = briefing.building.bounds_m()
             radius_m = math.hypot(x1_m - x0_m, y1_m - y0_m)
+        elif briefing.radio_map:
+            radius_m = float(np.hypot(*np.ptp(briefing.radio_map.xy_m, axis=0)))
         self._start = np.array([x_m, y_m, level, *ahead, radius_m])
         return self.observation(observation), info
 

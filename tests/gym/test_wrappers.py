@@ -91,7 +91,10 @@ def test_the_start_is_observed(task_maker) -> None:
     assert observation["start"].tolist() == pytest.approx(expected)
     assert env.step(np.zeros(3))[0]["start"].tolist() == pytest.approx(expected)
     lost = StartInObservation(LocalizationEnv(task_maker({"accel": 24}, start="unknown")))
-    assert lost.reset(seed=0)[0]["start"].tolist() == [0.0] * 6
+    observation, info = lost.reset(seed=0)
+    middle = info["briefing"].radio_map.middle()
+    radius_m = np.hypot(*np.ptp(info["briefing"].radio_map.xy_m, axis=0))
+    assert observation["start"].tolist() == [*middle.xy_m, middle.level, 0.0, 0.0, radius_m]
 
 
 @pytest.fixture
