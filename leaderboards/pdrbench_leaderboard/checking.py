@@ -33,8 +33,8 @@ SAME: Final = 0.01  # difference of a score that two machines may have
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """How much a board tells."""
+class Separability:
+    """How many pairs of a board's entries are significantly different."""
 
     board: str
     entries: int
@@ -42,10 +42,10 @@ class Told:
     significant: int
 
 
-def told(board: Board, tables: Sequence[Table]) -> Told:
+def separability(board: Board, tables: Sequence[Table]) -> Separability:
     """Entries of a board, and pairs of them that are told apart, both divisions together."""
     names = {row.name for of in tables for row in of.rows}
-    return Told(board.name, len(names), sum(of.num_pairs for of in tables), sum(of.num_apart for of in tables))
+    return Separability(board.name, len(names), sum(of.num_pairs for of in tables), sum(of.num_apart for of in tables))
 
 
 def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Finding]:

@@ -142,7 +142,7 @@ def build(
         from pdrbench.evaluation.store import make_folder, write_whole
         from pdrbench_leaderboard import table
         from pdrbench_leaderboard.boards import boards
-        from pdrbench_leaderboard.checking import told
+        from pdrbench_leaderboard.checking import separability
         from pdrbench_leaderboard.site import write_site
         from pdrbench_leaderboard.standings import read_tables
 
@@ -152,7 +152,7 @@ def build(
             written.append(make_folder(root / name) / table.FILE_NAME)
             write_whole(written[-1], table.page(boards()[name], of).encode())
         pages = write_site(tables, out)
-        rows = [dataclasses.asdict(told(boards()[name], of)) for name, of in tables.items()]
+        rows = [dataclasses.asdict(separability(boards()[name], of)) for name, of in tables.items()]
     if as_json:
         print_json({"boards": rows, "tables": written, "site": out, "files": len(pages)})
         return
@@ -166,14 +166,14 @@ def check(root: Root = Path("leaderboards"), as_json: AsJson = False) -> None:
     """Check that entries are whole, that scores come out of answers, and that tables are those of the entries."""
     with answer_only(as_json):
         from pdrbench_leaderboard.boards import boards
-        from pdrbench_leaderboard.checking import check_board, told
+        from pdrbench_leaderboard.checking import check_board, separability
         from pdrbench_leaderboard.standings import read_tables
 
         checks, rows = [], []
         for board in boards().values():
             checks += list(check_board(root, board))
             with contextlib.suppress(BundleError):  # a check has said so
-                rows.append(told(board, read_tables(root, board)))
+                rows.append(separability(board, read_tables(root, board)))
     if as_json:
         print_json(
             {

@@ -26,7 +26,7 @@ from pdrbench.registry import make_task
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import pictures, table
 from pdrbench_leaderboard.boards import boards, find_round
-from pdrbench_leaderboard.checking import told
+from pdrbench_leaderboard.checking import separability
 from pdrbench_leaderboard.draw import make_truth, opaque_names
 from pdrbench_leaderboard.record import read_answers
 from pdrbench_leaderboard.standings import Row, Table
@@ -120,7 +120,7 @@ def _index_card(name: str, tables: Sequence[Table]) -> dict[str, Any]:
     """What the index shows of a board."""
     board = boards()[name]
     online = tables[0] if tables else None
-    facts = told(board, tables)
+    facts = separability(board, tables)
     return {
         "name": name,
         "title": board.title,

@@ -8,12 +8,12 @@ from typing import Annotated, Final
 import typer
 
 from pdrbench.cli.options import (
-    LOCALIZER_HELP,
     AllColumns,
     Columns,
     Confined,
     Isolation,
     Jobs,
+    LocalizerList,
     Nonce,
     Scheduler,
     Seeds,
@@ -22,7 +22,6 @@ from pdrbench.cli.options import (
     Walks,
     columns_of,
     complete_env,
-    complete_localizer,
     exit_on,
     isolation_of,
     make_folder,
@@ -45,15 +44,7 @@ def compare(
             show_default="all with data",
         ),
     ] = None,
-    localizer: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LOCALIZER",
-            autocompletion=complete_localizer,
-            help=f"{LOCALIZER_HELP} Repeat for several.",
-            show_default="all registered",
-        ),
-    ] = None,
+    localizer: LocalizerList = None,
     split: Split = None,
     seeds: Seeds = 1,
     walks: Walks = None,

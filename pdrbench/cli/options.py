@@ -31,6 +31,15 @@ LOCALIZER_HELP = (
     "'li2012?map=false'."
 )
 
+LocalizerList = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="LOCALIZER",
+        autocompletion=complete_localizer,
+        help=f"{LOCALIZER_HELP} Repeat for several.",
+        show_default="all registered that suit",
+    ),
+]
 Split = Annotated[
     str | None,
     typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test"),

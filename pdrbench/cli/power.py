@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Seeds, Walks, complete_env, complete_localizer
+from pdrbench.cli.options import Jobs, LocalizerList, Seeds, Walks, complete_env
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import DatasetError, PdrbenchError
 
@@ -22,15 +22,7 @@ def power(
     name: Annotated[
         str, typer.Argument(metavar="BOARD|ENV", autocompletion=complete_env, help="Board, or registered environment.")
     ],
-    localizer: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LOCALIZER",
-            autocompletion=complete_localizer,
-            help=f"{LOCALIZER_HELP} Repeat for several.",
-            show_default="all registered that suit",
-        ),
-    ] = None,
+    localizer: LocalizerList = None,
     results: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Measure on stored results, as compare and run leave them; play nothing."),

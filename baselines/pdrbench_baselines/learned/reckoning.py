@@ -137,19 +137,19 @@ class Reckoner:
     ) -> None:
         self._length_factor, self._missing_s = length_factor, 0.0
         self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
-        carried = briefing.carrier
-        if network.carried != carried:
-            raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
+        carrier = briefing.carrier
+        if network.carried != carrier:
+            raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carrier}: leave them out")
         self._source = source = rows_of(briefing, network.own_attitude)
         briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
         has_rotation = "rotation" in source.sensors
-        fit = [one for one in companions if one.carried == carried and (one.own_attitude or has_rotation)]
+        fit = [one for one in companions if one.carried == carrier and (one.own_attitude or has_rotation)]
         self._members = [_Member(one) for one in (network, *fit)]
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._compass: FloatArray = np.zeros((0, 2))
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
-        self._checks = RowChecks("learned", self._rows) if carried == PHONE else None
+        self._checks = RowChecks("learned", self._rows) if carrier == PHONE else None
         self._held: list[Move] = []
         self._first_s: float | None = None
         self._last: Move | None = None

@@ -1,4 +1,4 @@
-"""A WLAN survey that somebody walked, some time ago, with another phone."""
+"""A WLAN survey along walked paths, some months before, with another phone."""
 
 from __future__ import annotations
 

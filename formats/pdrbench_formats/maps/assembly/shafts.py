@@ -49,13 +49,13 @@ def lay_out_shaft(
     middle = shapely.get_coordinates(shaft.outlines[shaft.levels[0]].centroid)[0]
     smallest = min(outline.area for outline in shaft.outlines.values())
     where = f"{shaft.kind} {shaft.id!r}, levels {', '.join(map(str, shaft.levels))}"
-    if core.area < MIN_OVERLAP * smallest:
+    tidy = sound(shapely.simplify(core.buffer(-NEAR_M, join_style="mitre").buffer(NEAR_M, join_style="mitre"), 0.004))
+    if core.area < MIN_OVERLAP * smallest or tidy.is_empty:
         what = f"its outlines on these levels share {core.area:.1f} of {smallest:.1f} m²: left as floor, not joined"
         repairs.add("stairs not joined", where, what, middle, shaft.levels[0])
         return None
     accesses = [_access(k, by_level[level]) for level in shaft.levels]
     heights_m = [height_m[level] for level in shaft.levels]
-    tidy = sound(shapely.simplify(core.buffer(-NEAR_M, join_style="mitre").buffer(NEAR_M, join_style="mitre"), 0.004))
     if shaft.kind == "escalator" or shaft.up is not None:
         layout = lay_out(tidy, accesses, heights_m, straight_only=True, up=shaft.up)
     else:
