@@ -18,7 +18,7 @@ from pdrbench.cli import main
 from pdrbench_leaderboard import record, table
 from pdrbench_leaderboard.boards import Board
 from pdrbench_leaderboard.card import CARD_FILE, card_toml, read_card
-from pdrbench_leaderboard.checking import check_board, told
+from pdrbench_leaderboard.checking import check_board, separability
 from pdrbench_leaderboard.record import DivisionRecord
 from pdrbench_leaderboard.run import Settings
 from pdrbench_leaderboard.score import QUANTILES
@@ -129,7 +129,7 @@ def test_check_prints_how_much_a_board_tells(
 def test_boards_without_entries_say_so(toy_board: Board, tmp_path: Path) -> None:
     assert run_command("build", "--root", tmp_path / "none", "--out", tmp_path / "site") == 0
     assert "Nothing was played yet" in (tmp_path / "site" / "index.html").read_text()
-    assert told(toy_board, []).pairs == 0
+    assert separability(toy_board, []).pairs == 0
 
 
 class Tags(HTMLParser):
