@@ -7,6 +7,9 @@ One record a line, `unix_ms TYPE values...`, after a header of lines that begin 
 * The file is written as sensors answer, not in order of time: each stream is sorted by time, equal times stay as
   they are. A record that is more than a minute older than the one before it of its kind, or ten minutes without any
   record, is a clock that was set during the walk and refused.
+* A file whose times begin with 0 counts milliseconds of the walk. The last column of a beacon row is on the clock of
+  the phone: less the time of its row it is one constant of the file, which gives its start. Sightings of networks are
+  on either clock.
 * Time 0 is the first row of any stream or waypoint that is kept.
 * Two records glued together, where a line feed was lost, are split and counted.
 * Sensor rows end in an accuracy (0-3) which is not kept; older files lack it.
@@ -35,7 +38,7 @@ from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.log import Log, ReadReport
 from pdrbench.io.reader import Reader
-from pdrbench.io.text import read_text
+from pdrbench.io.text import Text, read_text
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.opaque import opaque_ids
 from pdrbench_sim.readers.ilc20_lines import TYPE_AT, Lines, as_float, index_lines, split_glued
@@ -84,11 +87,12 @@ _KINDS: Final = {
         _Kind(b"TYPE_GYROSCOPE", "gyro", 5, 6, _XYZ, *_axes(69.0)),
         _Kind(b"TYPE_MAGNETIC_FIELD", "mag", 5, 6, _XYZ, *_axes(5000.0)),
         _Kind(b"TYPE_ROTATION_VECTOR", "rotation", 5, 6, _XYZ, *_axes(1.001)),
-        _Kind(b"TYPE_WIFI", "wifi", 7, 7, (-3, -2, -1), (_DBM[0], 0.0, _MS[0]), (_DBM[1], 1e5, _MS[1])),
+        _Kind(b"TYPE_WIFI", "wifi", 7, 7, (-3, -2, -1), (_DBM[0], 0.0, -1e3 * MAX_AGE_S), (_DBM[1], 1e5, _MS[1])),
         _Kind(b"TYPE_BEACON", "ble", 9, 10, (6, 5), (_DBM[0],) * 2, (_DBM[1],) * 2),
         _Kind(b"TYPE_WAYPOINT", "reference", 4, 4, (2, 3), (-1e5,) * 2, (1e5,) * 2),
     )
 }
+_BEACON, _BEACON_FIELDS = b"TYPE_BEACON", 10
 _SAMPLED: Final = ("accel", "gyro", "mag", "rotation")
 # Written by the app and of no use here; listed, with their fields, so that counting them is cheap.
 _SKIPPED: Final = {
@@ -99,7 +103,7 @@ _SKIPPED: Final = {
     b"TYPE_BLU4": 5,
 }
 _MAX_FIELDS: Final = {name: kind.max_fields for name, kind in _KINDS.items()} | _SKIPPED
-_RECORD: Final = re.compile(rb"^(\d{13}\tTYPE_|#\s*startTime:)", re.MULTILINE)
+_RECORD: Final = re.compile(rb"^(\d{1,13}\tTYPE_|#\s*startTime:)", re.MULTILINE)
 _PREFIX, _NUM_INITIALS = 5, 4  # behind TYPE_, four letters distinguish nearly all types and fit into a uint32
 # Median of the vector's length while a person walks, and what a median outside means.
 _USUAL_NORM: Final = {
@@ -118,7 +122,11 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
             Kaggle form of the set.
     """
     path = Path(path)
-    text = read_text(path)
+    return read_content(read_text(path), path, floor=floor)
+
+
+def read_content(text: Text, path: Path, *, floor: str | None = None) -> Log:
+    """The same for a text that has been read, as from an archive; `path` is named in errors."""
     lines = index_lines(text.content, path)
     groups = _group(lines)
     if groups.may_be_glued:
@@ -149,6 +157,7 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
         )
     _check_pauses(lines.path, streams)
     first_ms = min(rows[0, 0] for rows in streams.values())
+    begin_ms = _begin_ms(lines) if lines.counts_from_zero else 0.0
     for rows in streams.values():
         rows[:, 0] = (rows[:, 0] - first_ms) / 1000
     _check_units(lines.path, streams)
@@ -159,7 +168,20 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
         reference=_reference(waypoints, floor or header.get("FloorName") or lines.path.parent.name, lines.path),
         device=f"{header.get('Brand', '')} {header.get('Model', '')}".strip(),
         report=report,
+        start_unix_s=None if begin_ms is None else (begin_ms + first_ms) / 1000,
     )
+
+
+def _begin_ms(lines: Lines) -> float | None:
+    """When time 0 of a file was that counts from 0, by the clock in its beacon rows; None where it has none."""
+    record = np.flatnonzero(lines.is_record)
+    beacon = record[lines.equal(lines.start[record] + TYPE_AT, _BEACON)]
+    beacon = beacon[lines.num_fields(beacon) >= _BEACON_FIELDS]
+    if not len(beacon):
+        return None
+    clock_ms = lines.numbers(*lines.field(beacon, _BEACON_FIELDS - 1))
+    begin_ms = (clock_ms - lines.time_ms(beacon))[(clock_ms >= _MS[0]) & (clock_ms <= _MS[1])]
+    return float(np.median(begin_ms)) if len(begin_ms) else None
 
 
 def _read_header(lines: Lines) -> dict[str, str]:
@@ -350,6 +372,9 @@ def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, a
     """(T, 5) time, access point, RSSI, frequency, age in seconds."""
     rssi_dbm, frequency_mhz, seen_ms = numbers.T
     time_ms = _times_ms(lines, line)
+    if lines.counts_from_zero and seen_ms.min() >= _MS[0]:
+        begin_ms = _begin_ms(lines)
+        seen_ms = seen_ms - (float(np.max(seen_ms - time_ms)) if begin_ms is None else begin_ms)
     address, which = lines.distinct(*lines.field(line, -4))
     access_point = opaque_ids("wifi", address)[which]
     age_s = (time_ms - seen_ms) / 1000

@@ -16,13 +16,15 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_sim.readers import decimals
 
-_TAB, _LINE_FEED, _HASH, _MINUS = b"\t\n#-"
+_TAB, _LINE_FEED, _HASH, _MINUS, _ZERO = b"\t\n#-0"
 TIME_DIGITS: Final = 13  # unix milliseconds since September 2001
 TYPE_AT: Final = TIME_DIGITS + 1  # offset of the type in a line
 _TYPE: Final = b"TYPE_"
 _NUMBER = re.compile(rb"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _HASH_BYTES: Final = 24  # an address of a network has 17
 _HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
+HEAD_BYTES: Final = 65_536
+_SHORT = re.compile(rb"^\d{1,9}(?=\tTYPE_)", re.MULTILINE)  # milliseconds from 0 without leading zeros: eleven days
 _GLUED = re.compile(rb"(?<=[^\n])(?=\d{13}\tTYPE_|#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):)")
 
 
@@ -75,12 +77,19 @@ class Lines:
         numbers[odd] = [as_float(text) for text in self.slices(begin[odd], end[odd])]
         return numbers
 
+    @property
+    def counts_from_zero(self) -> bool:
+        """Whether times are milliseconds of the walk, as in files whose places are kept secret."""
+        record = np.flatnonzero(self.is_record)[:1]
+        return bool(len(record) and self.codes[self.start[record[0]]] == _ZERO)
+
     def time_ms(self, line: IntArray) -> FloatArray:
         """(L,) first field of each line, exact: thirteen digits fit into a float64."""
         words = self.words(self.start[line], TIME_DIGITS)
-        digits = words.view(np.uint8).reshape(len(words), TIME_DIGITS) - ord("0")  # what is below "0" wraps around
-        if (digits > 9).any() or not digits[:, 0].all():
-            is_wrong = (digits > 9).any(axis=1) | (digits[:, 0] == 0)
+        digits = words.view(np.uint8).reshape(len(words), TIME_DIGITS) - _ZERO  # what is below "0" wraps around
+        is_odd = (digits[:, 0] == 0) != self.counts_from_zero
+        if (digits > 9).any() or is_odd.any():
+            is_wrong = (digits > 9).any(axis=1) | is_odd
             _refuse(self, line, is_wrong, "the time is not a whole number of unix milliseconds; mend the line")
         return np.asarray(digits.astype(np.float64) @ 10.0 ** np.arange(TIME_DIGITS - 1, -1, -1))
 
@@ -125,6 +134,8 @@ class Lines:
 
 def index_lines(content: bytes, path: Path) -> Lines:
     """Finds lines and fields, and checks that every record has a time and a type."""
+    if _SHORT.search(content, 0, HEAD_BYTES):
+        content = _SHORT.sub(lambda time: time[0].zfill(TIME_DIGITS), content)
     content, whole = (content, True) if content.endswith(b"\n") else (content + b"\n", False)
     lines = _find_lines(content, path, np.zeros(0, dtype=np.int64))
     if not whole and lines.is_record[-1]:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     import shapely
 
 EARTH_RADIUS_M: Final = 6378137.0  # Web Mercator, EPSG:3857
+HALF_EQUATOR_M: Final = math.pi * EARTH_RADIUS_M  # no coordinate of Web Mercator is larger
 MAX_LATITUDE: Final = 85.06  # degrees, where Web Mercator ends
 MIN_PART_M2: Final = 1.0  # parts smaller than this are gaps between neighbouring shops: no place to stand
 MIN_HOLE_M2: Final = 0.01  # smaller holes are rounding where the corners of shops meet
@@ -189,7 +190,7 @@ def level_of_floor(name: str) -> int:
     >>> [level_of_floor(name) for name in ("B1", "F1", "2F", "LG2", "G")]
     [-1, 0, 1, -2, 0]
     """
-    plain = {"G": "F1", "GF": "F1"}.get(name.strip().upper(), name.strip().upper())
+    plain = {"G": "F1", "GF": "F1", "BF": "B1", "LG": "B1"}.get(name.strip().upper(), name.strip().upper())
     match = re.fullmatch(r"(B|F|L|P|LG)([1-9]\d?)|([1-9]\d?)([BFL])", plain)
     if match is None:
         raise MapError(f"the floor name {name!r} names no level; expected F1 for the ground floor, F2, ..., B1, ...")
@@ -238,25 +239,33 @@ def _mercator_polygons(feature: _Feature, number: int, path: Path) -> shapely.Mu
     shape = shapely.MultiPolygon(made)
     if shape.is_empty:
         raise MapError(f"{what} is empty; delete it")
-    if not shape.is_valid:
-        raise MapError(f"{what}: {shapely.is_valid_reason(shape)} (Mercator metres); redraw it without crossing itself")
+    if not shape.is_valid:  # an outline that crosses or touches itself
+        parts = shapely.get_parts(shapely.make_valid(shape))
+        areas = [polygon for part in parts for polygon in shapely.get_parts(part) if polygon.geom_type == "Polygon"]
+        shape = shapely.MultiPolygon(areas)
+        if shape.is_empty:
+            raise MapError(f"{what} has no area; delete it")
+        shape = shapely.MultiPolygon(shapely.get_parts(shapely.union_all(areas)).tolist())
     return shape
 
 
 def _ring(ring: list[list[float]], what: str) -> FloatArray:
-    """(K, 2) longitude and latitude in degrees, closed."""
+    """(K, 2) longitude and latitude in degrees, or metres of Web Mercator where one is beyond 180, closed."""
     if any(len(position) != 2 for position in ring):
         raise MapError(f"{what} is three-dimensional; keep longitude and latitude only")
     degrees = np.array(ring, dtype=np.float64).reshape(-1, 2)
     if len(degrees) < 4 or (degrees[0] != degrees[-1]).any():
         raise MapError(f"{what} has a ring that is not closed; repeat its first position at its end")
-    if not (np.abs(degrees) <= (180.0, MAX_LATITUDE)).all():
+    largest = float(np.abs(degrees).max())
+    if not (180.0 < largest <= HALF_EQUATOR_M or (np.abs(degrees) <= (180.0, MAX_LATITUDE)).all()):
         raise MapError(f"{what} leaves the range of longitude and latitude; are the two swapped?")
     return degrees
 
 
 def _project(degrees: FloatArray) -> FloatArray:
-    """(K, 2) Mercator metres of longitude and latitude in degrees."""
+    """(K, 2) Mercator metres of longitude and latitude in degrees, and of what is in these metres already."""
+    if np.abs(degrees).max() > 180.0:
+        return degrees
     longitude_rad, latitude_rad = np.radians(degrees).T
     northing = np.log(np.tan(math.pi / 4 + latitude_rad / 2))
     return EARTH_RADIUS_M * np.column_stack([longitude_rad, northing])
