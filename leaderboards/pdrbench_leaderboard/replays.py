@@ -43,7 +43,7 @@ ATTITUDE: Final = ("qw", "qx", "qy", "qz")
 FIELD: Final = ("x_ut", "y_ut", "z_ut")
 # Standard deviation of the noise by column, a third at most of the white noise of good sensors, in the bandwidth of
 # their streams: 25 ug/sqrt(Hz) and 0.005 degree/s/sqrt(Hz) of a 3DM-GX5-25, 0.6 uT a digit of an AK09911, 1 Pa of a
-# barometer, 4 dB of a scan; 1.5 cm and 1 degree of a stride (`sensors/stride_errors.json`).
+# barometer, 4 dB of a scan; 1.5 cm and 1 degree of a stride (stride_errors.json of the laboratory).
 NOISE: Final = {
     **dict.fromkeys(("x_mps2", "y_mps2", "z_mps2"), 1e-3),
     **dict.fromkeys(("x_radps", "y_radps", "z_radps"), 2e-4),

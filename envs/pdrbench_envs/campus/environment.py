@@ -13,13 +13,13 @@ from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
 from pdrbench.sensors import sensor_spec
-from pdrbench.sensors.stride import STRIDE, StrideErrors, measure
+from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.campus.walks import CampusWalks
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
 from pdrbench_envs.generated import start_place, start_pose, with_held_out
-from pdrbench_sim.units import STRIDE_LAW
+from pdrbench_sim.units.strides import fitted, measure
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -132,12 +132,6 @@ def task_stride() -> Task:
     )
 
 
-@functools.cache
-def stride_errors() -> StrideErrors:
-    """The law that strides are drawn with, as `pdrbench error-model --law` of the laboratory fitted it."""
-    return StrideErrors.read(STRIDE_LAW)
-
-
 def _load_strides(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     from pdrbench_sim.people.route import navigation_mesh
@@ -166,7 +160,7 @@ def record_strides(building: Building, rests: Stances, rng: np.random.Generator)
 
     true = strides(building, rests)
     reported = in_steps(report_times_s(rests, HOLD_S), TIME_STEP_S)
-    rows = measure(np.column_stack([reported[1:], true.length_m, true.height_m, true.turn_rad]), rng, stride_errors())
+    rows = measure(np.column_stack([reported[1:], true.length_m, true.height_m, true.turn_rad]), rng, fitted())
     observation = np.ceil(reported / STRIDE_PERIOD_S - 1e-9)
     observation[0] = 0
     return rows, Trajectory(

@@ -13,7 +13,6 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, navigate
 from pdrbench.io.log import Log
-from pdrbench.sensors.error_file import read_error_file
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.realism.block import (
     Block,
@@ -40,6 +39,7 @@ from pdrbench_lab.realism.foot_statistics import (
     recorded_logs,
 )
 from pdrbench_lab.realism.foot_walks import FootProtocol, SyntheticFootWalk, draw_walker, foot_walk
+from pdrbench_lab.stride_errors.error_file import read_error_file
 from pdrbench_lab.stride_errors.stride_errors import (
     MAX_SPEED_MPS,
     MIN_STRIDES,

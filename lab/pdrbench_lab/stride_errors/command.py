@@ -14,7 +14,7 @@ from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_tab
 from pdrbench.errors import PdrbenchError
 
 if TYPE_CHECKING:
-    from pdrbench.sensors.error_file import ErrorFile, ErrorStatistic
+    from pdrbench_lab.stride_errors.error_file import ErrorFile, ErrorStatistic
 
 
 def error_model(
@@ -29,7 +29,8 @@ def error_model(
         bool, typer.Option("--law", help="Fit the law that environments draw with, and test it on each set left out.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Write a file that StrideErrors.read takes.")
+        Path | None,
+        typer.Option(metavar="FILE", dir_okay=False, help="Write a file with what was measured."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -22,9 +22,9 @@ from pdrbench.inertial import LITERAL, FootParams, FootStates, StrideParams, fin
 from pdrbench.metrics.inertial import median_slope
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
-from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.foot_recordings import VICON, WALKS, found_walks, walk_ids
+from pdrbench_lab.stride_errors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
 
 FILTERS: Final[Mapping[str, FootParams]] = MappingProxyType({"literal": LITERAL, "adaptive": FootParams()})
 MIN_STRIDE_M: Final = 0.5  # a shorter stride has no clear direction

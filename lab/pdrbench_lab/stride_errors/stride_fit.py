@@ -25,8 +25,8 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, StrideParams, find_strides, navigate
 from pdrbench.io.log import Log
 from pdrbench.metrics.inertial import median_slope
-from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
 from pdrbench_lab.readers import foot_dual, foot_loops, foot_short
+from pdrbench_lab.stride_errors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
 from pdrbench_lab.stride_errors.stride_errors import (
     OUTLIER_SIGMAS,
     Ends,
@@ -41,7 +41,7 @@ from pdrbench_lab.stride_errors.stride_errors import (
     why_not,
 )
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
-from pdrbench_sim.units import STRIDE_LAW
+from pdrbench_sim.units.strides import STRIDE_LAW
 
 FITTED: Final = STRIDE_LAW  # environments draw with it
 MIN_LAG: Final = 4  # strides; errors of headings nearer than that have something in common, which is no random walk

@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from pdrbench.registry import registered_task
-from pdrbench.sensors.error_file import ErrorFile, read_error_file
-from pdrbench.sensors.stride import StrideErrors
 from pdrbench_lab.stride_errors import stride_errors
+from pdrbench_lab.stride_errors.error_file import ErrorFile, read_error_file, read_errors
 
 Command = Callable[..., Any]
 
@@ -43,7 +42,7 @@ def test_json_is_the_file(command: Command, asked: list[object], tmp_path: Path)
     done = command("error-model", "--json", "--filter", "adaptive", "--env", "FootWalks-v1", "--out", file)
     assert done.code == 0
     assert asked == [("adaptive", ("FootWalks-v1",))]
-    assert done.json["errors"]["length_bias"] == StrideErrors.read(file).length_bias
+    assert done.json["errors"]["length_bias"] == read_errors(file).length_bias
     assert [row["name"] for row in done.json["statistics"]] == [row.name for row in read_error_file(file).statistics]
     assert str(tmp_path) not in file.read_text("utf-8")
 

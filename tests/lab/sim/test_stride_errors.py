@@ -13,10 +13,9 @@ import pytest
 from pdrbench.errors import DatasetError, RecordingError, UnknownNameError
 from pdrbench.inertial import FootStates, Rest
 from pdrbench.registry import make_task, registered_task
-from pdrbench.sensors.error_file import read_error_file
-from pdrbench.sensors.stride import StrideErrors, measure
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.stride_errors import stride_errors as module
+from pdrbench_lab.stride_errors.error_file import read_error_file
 from pdrbench_lab.stride_errors.stride_errors import (
     WalkErrors,
     at_places,
@@ -30,6 +29,7 @@ from pdrbench_lab.stride_errors.stride_errors import (
     summarise,
     tails,
 )
+from pdrbench_sim.units.strides import StrideErrors, measure
 
 
 def states_at(t_s: np.ndarray, xyz_m: np.ndarray) -> FootStates:

@@ -11,9 +11,8 @@ import pytest
 from scipy.stats import t as student
 
 from pdrbench.errors import DatasetError, RecordingError
-from pdrbench.sensors.error_file import read_error_file
-from pdrbench.sensors.stride import StrideErrors, measure
 from pdrbench_lab.stride_errors import stride_fit as module
+from pdrbench_lab.stride_errors.error_file import read_error_file, read_errors
 from pdrbench_lab.stride_errors.stride_errors import WalkErrors
 from pdrbench_lab.stride_errors.stride_fit import (
     FITTED,
@@ -26,6 +25,7 @@ from pdrbench_lab.stride_errors.stride_fit import (
     left_out,
     surveyed_walk,
 )
+from pdrbench_sim.units.strides import StrideErrors, fitted, measure
 
 LAW = StrideLaw(
     offset_m=-0.02,
@@ -142,7 +142,6 @@ def test_a_set_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> No
 def test_localizers_and_environments_use_different_sets() -> None:
     """Of what comes with pdrbench: the prior of drifts in `woodman2008` is that of a set that is not in the law."""
     from pdrbench_baselines.woodman2008.drift import DriftParams
-    from pdrbench_envs.campus.environment import stride_errors
 
     file = read_error_file(FITTED)
     by_name = {row.name: row.value for row in file.statistics}
@@ -150,5 +149,5 @@ def test_localizers_and_environments_use_different_sets() -> None:
     assert by_name["foot_dual: length_bias"] == pytest.approx(1.0 / prior.length_scale - 1.0)
     assert by_name["foot_dual: drift_deg_rms"] == pytest.approx(np.degrees(prior.sigma_rad))
     assert module.PRIOR_SET not in module.SETS
-    assert stride_errors() == StrideErrors.read(FITTED)
+    assert fitted() == read_errors(FITTED)
     assert [source.dataset for source in file.sources] == [*module.SETS, module.PRIOR_SET]

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 import msgspec
 
 from pdrbench.errors import ResultError
+from pdrbench_sim.units.strides import StrideErrors
 
 MEASURED: Final = Path(__file__).with_name("stride_errors.json")  # of the literal filter, on the registered data
 FORMAT: Final = 1
@@ -113,3 +114,19 @@ def read_error_file(path: Path | str = MEASURED) -> ErrorFile:
     if file.format != FORMAT:
         raise ResultError(f"{path}: format {file.format}, expected {FORMAT}; {remedy}")
     return file
+
+
+def read_errors(path: Path | str = MEASURED) -> StrideErrors:
+    """The errors in a file; without a path those measured on the registered recordings.
+
+    Raises:
+        ResultError: It is no such file, or a size was not measured; names file, field and remedy.
+    """
+    sizes = msgspec.structs.asdict(read_error_file(path).errors)
+    missing = [name for name, size in sizes.items() if size is None]
+    if missing:
+        raise ResultError(
+            f"{path}: {', '.join(missing)} was not measured; "
+            f"measure on every environment with `pdrbench error-model --out FILE`"
+        )
+    return StrideErrors(**sizes)

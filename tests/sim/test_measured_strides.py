@@ -1,17 +1,17 @@
+"""What a unit on a foot reports of true strides."""
+
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pdrbench.errors import RecordingError, ResultError
+from pdrbench.errors import RecordingError
 from pdrbench.recording import SensorStream
-from pdrbench.sensors.error_file import MEASURED, ErrorSizes, read_error_file
-from pdrbench.sensors.stride import STRIDE, StrideErrors, measure, measured
+from pdrbench.sensors.stride import STRIDE
+from pdrbench_sim.units.strides import StrideErrors, fitted, measure
 
 
 def straight(count: int, length_m: float = 1.3) -> np.ndarray:
@@ -23,12 +23,6 @@ def straight(count: int, length_m: float = 1.3) -> np.ndarray:
 
 
 SIZES = StrideErrors(-0.019, 0.027, 0.026, math.radians(0.10), math.radians(0.29), math.radians(0.65))
-
-
-def test_errors_are_those_measured_unless_others_are_asked_for():
-    asked = measure(straight(50), np.random.default_rng(0), StrideErrors.read())
-    np.testing.assert_array_equal(measure(straight(50), np.random.default_rng(0)), asked)
-    assert measured() == StrideErrors.read() != StrideErrors()
 
 
 def test_errors_of_one_walk_have_the_sizes_asked_for():
@@ -65,7 +59,7 @@ def test_without_errors_measured_strides_are_the_true_ones():
 def test_lengths_stay_lengths_and_turns_stay_wrapped():
     rows = straight(2000, length_m=0.0)
     rows[:, 3] = math.pi - 1e-3
-    found = measure(rows, np.random.default_rng(2))
+    found = measure(rows, np.random.default_rng(2), fitted())
     SensorStream(STRIDE, found)  # within the bounds of the spec
     assert (found[:, 1] == 0).any()
     assert (found[:, 3] < 0).any()
@@ -103,52 +97,6 @@ def test_heading_errors_are_drawn_last_and_not_at_all_without_a_sigma():
     np.testing.assert_array_equal(with_heading[:, :3], found[:, :3])
     headings_rad = 0.01 * twin.standard_normal(50)
     np.testing.assert_allclose(np.cumsum(with_heading[:, 3] - found[:, 3]), headings_rad, atol=1e-13)
-
-
-def test_the_packaged_file_has_the_fields_of_the_class():
-    assert [field.name for field in dataclasses.fields(StrideErrors)] == list(ErrorSizes.__struct_fields__)
-    errors = StrideErrors.read()
-    assert errors.length_bias == read_error_file().errors.length_bias
-    assert -0.03 < errors.length_bias < -0.01
-    rows = measure(straight(100), np.random.default_rng(5), errors)
-    SensorStream(STRIDE, rows)
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        ({"errors": {"length_bias": 0.0}}, "length_sigma_m"),
-        ({"colour": "red"}, "colour"),
-        ({"format": 2}, "format 2, expected 1"),
-        ({"pdrbench": 1}, "pdrbench"),
-    ],
-)
-def test_another_file_is_refused_with_its_field_and_a_remedy(tmp_path: Path, change: dict[str, object], why: str):
-    file = tmp_path / "errors.json"
-    file.write_text(json.dumps(json.loads(MEASURED.read_text("utf-8")) | change), encoding="utf-8")
-    with pytest.raises(ResultError, match=rf"errors\.json: .*{why}.*pdrbench error-model --out"):
-        StrideErrors.read(file)
-
-
-def test_negative_sigmas_unknown_sizes_and_torn_files_are_refused(tmp_path: Path):
-    known = json.loads(MEASURED.read_text("utf-8"))
-    file = tmp_path / "errors.json"
-    for sizes in ({"length_sigma_m": -0.1}, {"sway_m": 0.1}):
-        file.write_text(json.dumps(known | {"errors": known["errors"] | sizes}), encoding="utf-8")
-        with pytest.raises(ResultError, match=r"errors\.json.*\$\.errors|errors\.json.*sway_m"):
-            StrideErrors.read(file)
-    file.write_text(json.dumps(known | {"errors": known["errors"] | {"height_sigma_m": None}}), encoding="utf-8")
-    with pytest.raises(ResultError, match=r"errors\.json: height_sigma_m was not measured; measure on every"):
-        StrideErrors.read(file)
-    file.write_bytes(MEASURED.read_bytes()[:100])
-    with pytest.raises(ResultError, match="not a file of stride errors"):
-        StrideErrors.read(file)
-    with pytest.raises(ResultError, match="cannot be read"):
-        StrideErrors.read(tmp_path / "none.json")
-
-
-def test_the_file_is_written_as_it_was_read():
-    assert read_error_file().encode() == MEASURED.read_text("utf-8")
 
 
 def test_every_walk_has_an_offset_of_its_own_and_some_strides_are_coarse():
