@@ -10,15 +10,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+from docstrings import docstring_markdown, first_sentence
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from pages import dataset_pages, fields_page, networks_page
+from reference import environment_page, localizer_page, metrics_page
 
 from pdrbench.datasets import datasets
 from pdrbench.registry import PluginEntry, environments, localizers, make_task
-from pdrbench.report import environment_page, localizer_page, metrics_page
-from pdrbench.report.docstrings import docstring_markdown, first_sentence
 from pdrbench_formats.pages.formats import formats_page
 
 TOOLBOX: Final = ("filters", "inertial", "radio")

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from docstrings import docstring_markdown
+
 from pdrbench.datasets import Dataset, datasets
-from pdrbench.report.docstrings import docstring_markdown
 
 Page = tuple[str, str]  # path in the site and content
 DOCS: Final = Path(__file__).resolve().parent

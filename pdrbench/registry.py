@@ -46,11 +46,9 @@ BOARDS_GROUP = "pdrbench.boards"  # functions that return the environments of bo
 
 Thing = TypeVar("Thing")
 
-OURS = "pdrbench"  # this package, and its distribution
-
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench_leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
-OURS = "pdrbench"  # the distribution whose localizers may be loaded into any process
+OURS = "pdrbench"  # this package, and its distribution, whose localizers may be loaded into any process
 TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench_formats.taskfile`
 
 
@@ -164,11 +162,6 @@ def find_entry(group: str, kind: str, name: str) -> PluginEntry:
 def renamed(group: str) -> Mapping[str, str]:
     """New id by former id. In a table of plug-ins, a former id has the target `renamed:` and its new id."""
     return _scan(group)[2]
-
-
-def current_id(group: str, name: str) -> str:
-    """The id that stands for this one now; the same where no table names a new one."""
-    return renamed(group).get(name, name)
 
 
 def successor(group: str, name: str) -> str:

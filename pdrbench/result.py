@@ -108,11 +108,6 @@ def by_division(results: Sequence[Result]) -> list[Result]:
     return [*online, *known, *(result.offline() for result in online if (result.env, result.localizer) in revise)]
 
 
-def of_division(results: Sequence[Result], division: str) -> tuple[Result, ...]:
-    """The results that count in one division only."""
-    return tuple(replace(result, revised=None) for result in by_division(results) if result.division == division)
-
-
 def shown_name(localizer: str, division: str) -> str:
     """A localizer as tables and pictures name it: what it revised when the walk was over is marked.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pdrbench.building.building import Building
@@ -86,17 +84,3 @@ def unreachable(building: Building) -> BoolArray:
         main.add(int(area_m2.argmax()))
     lost: BoolArray = ~np.isin(parts, list(main))
     return lost
-
-
-def largest_part(building: Building, *, by_lift: bool = False) -> Building:
-    """The same building without what no way leads to from its largest part.
-
-    Args:
-        building: The map.
-        by_lift: Whether lifts count as ways.
-    """
-    kept = np.flatnonzero(reachable_parts(building, by_lift=by_lift) == 0)
-    index = np.full(len(building.polygons) + 1, WALL)  # the last for WALL itself
-    index[kept] = np.arange(len(kept))
-    polygons = [replace(building.polygons[i], neighbour=index[building.polygons[i].neighbour]) for i in kept]
-    return Building(building.name, tuple(polygons), building.zones)

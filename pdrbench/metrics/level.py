@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.position import mean
 from pdrbench.trajectory import Trajectory
@@ -18,22 +18,6 @@ def level_differences(held: Held, reference: Trajectory) -> FloatArray:
 def level_hit_rate(held: Held, reference: Trajectory) -> float:
     """Fraction of surveyed positions on the right level: #{dl = 0} / n."""
     return mean((level_differences(held, reference) == 0).astype(np.float64))
-
-
-def confusion_matrix(held: Held, reference: Trajectory) -> tuple[IntArray, IntArray]:
-    """How often each level of the reference was estimated as each level.
-
-    Returns:
-        levels: (L,) every level of the surveyed reference or of the estimate there, ascending.
-        counts: (L, L) int, row = level of the reference, column = level of the estimate; sums to n.
-    """
-    true = reference.level[reference.surveyed]
-    estimated = held.level[reference.surveyed].astype(np.int64)
-    levels, index = np.unique(np.concatenate([true, estimated]), return_inverse=True)
-    row, column = index[: len(true)], index[len(true) :]
-    counts = np.zeros((len(levels), len(levels)), dtype=np.int64)
-    np.add.at(counts, (row, column), 1)
-    return levels, counts
 
 
 def level_change_delays_s(held: Held, reference: Trajectory) -> tuple[FloatArray, FloatArray]:

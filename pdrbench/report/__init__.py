@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pdrbench.report.folder import FigureOptions, write_report
-from pdrbench.report.pages import comparison_page, environment_page, localizer_page, metrics_page
+from pdrbench.report.pages import comparison_page
 
 __all__ = [
     "FigureOptions",
     "comparison_page",
-    "environment_page",
-    "localizer_page",
-    "metrics_page",
     "write_report",
 ]

@@ -13,7 +13,7 @@ import pytest
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, retrace
 from pdrbench.process import Budget
-from pdrbench.result import Result, by_division, of_division
+from pdrbench.result import Result, by_division
 
 NUM_ANSWERS = 13  # of a walk along the corridor, a second apart; a stride at each but the first
 TOY = """
@@ -149,7 +149,6 @@ def test_walks_that_are_not_revised_count_offline_as_they_were_answered(toy: Pat
         *((walk, "offline") for walk in "01"),
     ]
     assert alone[-1].estimates is other.estimates
-    assert of_division([plain, revised], "offline")[0].revised is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from tracks import make_answers, make_reference
 from pdrbench.metrics import hold_at
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import (
-    confusion_matrix,
     level_change_delay_s,
     level_change_delays_s,
     level_changes_missed,
@@ -26,14 +25,6 @@ def walk(true: list[int], estimated: list[float], surveyed: object = True) -> tu
     reference = make_reference(nowhere, true, surveyed, t_s=2.0 * np.arange(len(true)))
     estimates = make_answers(reference.t_s, nowhere, estimated)
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
-
-
-def test_confusion_matrix_has_the_reference_in_rows() -> None:
-    levels, counts = confusion_matrix(*walk([0, 0, 1, -1], [0, 1, 1, 1]))
-    assert levels.tolist() == [-1, 0, 1]
-    assert counts.tolist() == [[0, 0, 1], [0, 1, 1], [0, 0, 1]]
-    _, counts = confusion_matrix(*walk([0, 0, 1], [5, 0, 1], [True, False, True]))
-    assert counts.sum() == 2
 
 
 def test_the_delay_runs_from_the_change_to_the_first_agreement() -> None:

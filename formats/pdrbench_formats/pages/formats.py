@@ -8,7 +8,6 @@ import re
 from typing import Final
 
 from pdrbench.io import READERS
-from pdrbench.report.docstrings import first_sentence
 from pdrbench_formats.recordings.apps import FOLDER, app_names, app_of
 
 FACTS: Final = ("App", "Files", "Sensors", "Units", "Frame", "Clock", "Traps")
@@ -32,7 +31,7 @@ def formats_page() -> str:
     sections, others = [], []
     for name in READERS:
         facts = format_facts(name)
-        title = (READERS[name].summary or first_sentence(_docstring(name))).rstrip(".")
+        title = (READERS[name].summary or " ".join(_docstring(name).partition("\n\n")[0].split())).rstrip(".")
         if facts:
             rows = [f"| {key} | {facts[key].replace('|', chr(92) + '|')} |" for key in FACTS[1:] if key in facts]
             sections.append("\n".join([f"### {name}", "", f"{title}. {facts['App']}", "", "| | |", "|---|---|", *rows]))

@@ -18,13 +18,6 @@ def docstring_markdown(docstring: str) -> str:
     """A docstring, as `inspect.getdoc` returns it, as Markdown.
 
     Sections become bold titles over lists, examples become code blocks, everything else stays as it is.
-
-    >>> print(docstring_markdown("Adds.\\n\\nArgs:\\n    x_m: Metres."))
-    Adds.
-    <BLANKLINE>
-    **Args**
-    <BLANKLINE>
-    * `x_m`: Metres.
     """
     return "\n\n".join(_block(block) for block in _blocks(docstring))
 
