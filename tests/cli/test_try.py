@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.inertial.foot_motion import walk as foot_walk
 from pdrbench.registry import make_task
 from pdrbench_formats.maps import geojson
+from pdrbench_sim.foot.known_walk import walk as foot_walk
 
 LAT, LON = 49.46, 11.11
 QUESTIONS = ("who", "where", "how", "device", "licence", "consent")

@@ -8,7 +8,6 @@ import pytest
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial import phone_heading_rad, to_world
-from pdrbench.inertial.foot_motion import walk as foot_walk
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 from pdrbench.recording import SensorStream
 from pdrbench.sensors import sensor_spec
@@ -23,6 +22,7 @@ from pdrbench_formats.derive import (
     split_gravity,
 )
 from pdrbench_formats.taskfile.mounting import moves_as_shoe
+from pdrbench_sim.foot.known_walk import walk as foot_walk
 
 RATE_HZ = 50.0
 EARTH_UT = np.array([0.0, 31.0, -30.0])  # z up

@@ -10,8 +10,8 @@ import pytest
 
 import pdrbench
 from pdrbench.errors import RecordingError
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench_sim.foot.known_walk import walk
 
 SHOE = walk(num_strides=12, length_m=1.4, turn_rad=0.1)
 ARRAYS = {"accel": (SHOE.t_s, SHOE.accel), "gyro": (SHOE.t_s, SHOE.gyro)}

@@ -11,8 +11,8 @@ import pytest
 from pdrbench.inertial import FootParams, Rest
 from pdrbench.inertial.foot_filter import FootStates, empty_record, empty_states, level, run
 from pdrbench.inertial.foot_kernels import Memory, Record
-from pdrbench.inertial.foot_motion import FootMotion
 from pdrbench.inertial.zero_velocity import detect
+from pdrbench_sim.foot.known_walk import FootMotion
 
 EARTH_UT = np.array([20.0, 0.0, -45.0])
 

@@ -12,7 +12,7 @@ import pytest
 from pdrbench.errors import RecordingError
 from pdrbench.inertial import navigate
 from pdrbench.inertial.checks import clean_rows
-from pdrbench.inertial.foot_motion import walk
+from pdrbench_sim.foot.known_walk import walk
 
 
 @pytest.fixture

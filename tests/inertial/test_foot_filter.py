@@ -28,10 +28,10 @@ from pdrbench.inertial import (
 )
 from pdrbench.inertial.foot_filter import LEVEL_SIGMA_RAD, empty_states, level, run
 from pdrbench.inertial.foot_kernels import NINE, SEVENTEEN, Memory
-from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.inertial.quaternions import to_world
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 from pdrbench.metrics.odometry import align_se2
+from pdrbench_sim.foot.known_walk import FootMotion, walk
 
 FOOT = FootParams()
 FREE = FootParams(unit_height_m=0.0, clipped_rate_radps=math.inf)  # what does not depend on body axes or on shoes

@@ -14,8 +14,8 @@ from pdrbench.inertial import (
     FieldParams,
     navigate,
 )
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.magnetometer import FieldGate
+from pdrbench_sim.foot.known_walk import walk
 
 EARTH_UT = np.array([20.0, 0.0, -45.0])
 WITH_FIELD = replace(LITERAL, field=FieldParams())

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pdrbench.inertial import LITERAL, FootParams, navigate, navigate_smoothed
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
+from pdrbench_sim.foot.known_walk import walk
 
 
 def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from pdrbench.inertial import LITERAL, FieldParams, FootParams
-from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.step_detection import STAGES, find_steps
 from pdrbench.inertial.warping import warped_distance
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2, statistic
+from pdrbench_sim.foot.known_walk import FootMotion, walk
 
 WHY = "the twins lie in the laboratory: pip install -e lab"
 feet = pytest.importorskip("pdrbench_lab.foot_ins.bench", reason=WHY)

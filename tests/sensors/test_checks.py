@@ -12,10 +12,10 @@ import pytest
 from pdrbench.errors import PdrbenchError, RecordingError, RecordingWarning
 from pdrbench.inertial import PhoneAttitude, find_steps, find_strides, navigate, navigate_smoothed
 from pdrbench.inertial.checks import clean_rows
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.registry import make_task
 from pdrbench.sensors.checks import Gate, guard
+from pdrbench_sim.foot.known_walk import walk
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]

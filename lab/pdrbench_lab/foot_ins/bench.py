@@ -36,7 +36,6 @@ from pdrbench.inertial.foot_kernels import (
     Memory,
     Noise,
 )
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.navigate import navigate
 from pdrbench.inertial.warm import warm_up
@@ -50,6 +49,7 @@ from pdrbench.inertial.zero_velocity import (
     window_rows,
 )
 from pdrbench_lab.speed.timing import Timing, median_s
+from pdrbench_sim.foot.known_walk import walk
 
 PLAIN: Final = "plain NumPy"
 NUM_WALKS: Final = 16

@@ -32,13 +32,13 @@ from pdrbench.inertial import (
     navigate,
     navigate_smoothed,
 )
-from pdrbench.inertial.foot_motion import walk as synthetic_walk
 from pdrbench.io.log import Log
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.readers import foot_dual, foot_loops, foot_short
+from pdrbench_sim.foot.known_walk import walk as synthetic_walk
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
 VICON: Final = "FootVicon-v1"

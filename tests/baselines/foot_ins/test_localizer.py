@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.registry import make_localizer
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.foot_ins.localizer import FootIns, FootInsParams, FootInsRobust
+from pdrbench_sim.foot.known_walk import FootMotion, walk
 
 PERIOD_S = 0.05
 START_M = np.array([3.0, -2.0])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
@@ -19,6 +18,7 @@ from pdrbench_baselines.frank2009.localizer import (
     WlanFrank2009,
 )
 from pdrbench_sim.buildings.ring_floor import bare_ring
+from pdrbench_sim.foot.known_walk import walk
 
 PLACES = [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [0.0, 30.0]]
 STRENGTHS = {1: [-40, -60, -80, -90], 2: [-80, -60, -40, -90], 3: [-90, -90, -90, -40]}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pdrbench.inertial import LITERAL, find_strides, navigate
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.strides import Strides
 from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepSensor, StepSensorParams
+from pdrbench_sim.foot.known_walk import walk
 
 LENGTH_M = 1.3
 

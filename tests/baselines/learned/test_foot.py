@@ -12,7 +12,6 @@ import pytest
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
-from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
@@ -20,6 +19,7 @@ from pdrbench_baselines.learned.attitude_sources import FOOT, FootSource
 from pdrbench_baselines.learned.compiled import compiled_network
 from pdrbench_baselines.learned.localizer import Learned
 from pdrbench_baselines.learned.reckoning import Move, Reckoner
+from pdrbench_sim.foot.known_walk import FootMotion, walk
 
 PERIOD_S = 0.1
 Rows = dict[str, FloatArray]

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from pdrbench.inertial import LITERAL, Strides, find_strides, navigate
-from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.foot_ins import experiments
 from pdrbench_lab.foot_ins.claims import REPRODUCTION
 from pdrbench_lab.reproduce.experiments import plain_numbers
 from pdrbench_lab.reproduce.reproduction import Numbers
+from pdrbench_sim.foot.known_walk import FootMotion, walk
 
 SETS = {
     experiments.VICON: "foot_vicon",

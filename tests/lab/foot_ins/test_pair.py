@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import UnsuitableError
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_lab.foot_ins.pair import FootPair, FootPairParams
+from pdrbench_sim.foot.known_walk import walk
 
 NAMES = ("accel", "gyro", "accel_2", "gyro_2")
 SPECS = {name: sensor_spec(name) for name in NAMES}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.foot_ins.swings import num_swings
+from pdrbench_sim.foot.known_walk import walk
 
 
 @pytest.mark.parametrize(("length_m", "number"), [(1.3, 9), (0.2, 9), (0.0, 0)])

@@ -10,13 +10,13 @@ import pytest
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.dead_reckoning import DeadReckoning
 from pdrbench_lab.footslam.cloud import OdometryNoise, SlamParams
 from pdrbench_lab.footslam.localizer import FootSlam, FootSlamParams
+from pdrbench_sim.foot.known_walk import walk
 
 NO_NOISE = OdometryNoise(
     length_scale=1.0,

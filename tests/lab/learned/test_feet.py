@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.inertial.foot_motion import walk
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Start
+from pdrbench_sim.foot.known_walk import walk
 
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 

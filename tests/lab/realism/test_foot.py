@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.inertial.foot_motion import walk as smooth_walk
 from pdrbench_lab.realism import foot, foot_fit
 from pdrbench_lab.realism.block import Within
 from pdrbench_lab.realism.foot import FOOT_IMU, FOOT_INS, FREE_INERTIAL, LOOP, ROOM
 from pdrbench_lab.realism.foot_statistics import closures_pct, foot_signals, free_error_m
 from pdrbench_lab.realism.foot_walks import foot_walk, loop
+from pdrbench_sim.foot.known_walk import walk as smooth_walk
 from pdrbench_sim.foot.shape import SHAPE_FILE
 
 

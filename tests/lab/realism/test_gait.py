@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.inertial.foot_motion import walk
 from pdrbench_lab.realism import gait
+from pdrbench_sim.foot.known_walk import walk
 
 
 def coloured(rng, count, beta):

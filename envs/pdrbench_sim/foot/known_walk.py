@@ -1,6 +1,6 @@
 """A foot whose truth is known: smooth strides in closed form, and what a perfect unit on it would measure.
 
-Tests hold the filter against it, `pdrbench bench inertial` times it, warming up compiles with it.
+Tests hold the filter against it, and `pdrbench bench inertial` times it.
 """
 
 from __future__ import annotations
