@@ -95,23 +95,24 @@ def unpacked(path: Path) -> Iterator[Path]:
             raise type(error)(str(error).replace(str(place), str(path / name))) from error
 
 
-def read_plan(path: Path | str, kind: str | None = None) -> Plan:
+def read_plan(path: Path | str, kind: str | None = None, doors: str = "none") -> Plan:
     """Reads a plan of a building in any format.
 
     Args:
         path: Of the file or folder.
         kind: A key of `READERS`; None to recognise the format by the content.
+        doors: For rooms without one: "none", "nearest" or "wide", as `maps.openings.with_doors` makes them.
 
     Raises:
         MapError: It is no plan, or as its reader says.
         RecordingError: In no format that is known.
     """
+    from pdrbench_formats.maps.openings import with_doors
     from pdrbench_formats.maps.plan import Plan
 
     kind = detect(path) if kind is None else kind
     content = read(path, kind)
-    if isinstance(content, Building):
-        return Plan(content, source=kind)
-    if isinstance(content, Plan):
-        return content
+    plan = Plan(content, source=kind) if isinstance(content, Building) else content
+    if isinstance(plan, Plan):
+        return with_doors(plan, doors)
     raise MapError(f"{path} is no map but a recording or the like ({kind}); name a file with a plan of a building")

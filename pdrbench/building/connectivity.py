@@ -9,6 +9,8 @@ from pdrbench.building.polygons import WALL, shapely_polygons
 from pdrbench.geometry import BoolArray, IntArray
 
 MIN_SHAFT_OVERLAP = 0.5  # of the smaller cabin
+HOUSE_M = 2.0  # thicker than any wall: what lies further apart is two houses
+MIN_HOUSE = 0.1  # of the area of the largest house: what is smaller is a part without a way in
 
 
 def lift_shafts(building: Building) -> tuple[tuple[int, ...], ...]:
@@ -29,7 +31,7 @@ def lift_shafts(building: Building) -> tuple[tuple[int, ...], ...]:
         on_one_level = building.polygons[lifts[one]].level == building.polygons[lifts[other]].level
         if not on_one_level and shapely.intersection(shapes[one], shapes[other]).area >= MIN_SHAFT_OVERLAP * least_m2:
             pairs.append((int(one), int(other)))
-    labels = _labels(len(lifts), np.array(pairs, dtype=np.int64).reshape(-1, 2))
+    labels = labels_of(len(lifts), np.array(pairs, dtype=np.int64).reshape(-1, 2))
     shafts = [[lifts[i] for i in np.flatnonzero(labels == label)] for label in range(labels.max() + 1)]
     return tuple(tuple(sorted(shaft, key=lambda i: building.polygons[i].height_m)) for shaft in shafts)
 
@@ -45,7 +47,7 @@ def reachable_parts(building: Building, *, by_lift: bool = True) -> IntArray:
     pairs = [np.column_stack([building.edge_polygon[edges], building.edge_neighbour[edges]])]
     if by_lift:
         pairs += [np.array([stops[:-1], stops[1:]]).T.reshape(-1, 2) for stops in lift_shafts(building)]
-    labels = _labels(len(building.polygons), np.concatenate(pairs).astype(np.int64))
+    labels = labels_of(len(building.polygons), np.concatenate(pairs).astype(np.int64))
     area_m2 = np.bincount(labels, weights=[polygon.area_m2 for polygon in building.polygons])
     rank = np.empty_like(labels[: len(area_m2)])
     rank[np.argsort(-area_m2, kind="stable")] = np.arange(len(area_m2))
@@ -53,7 +55,8 @@ def reachable_parts(building: Building, *, by_lift: bool = True) -> IntArray:
     return parts
 
 
-def _labels(count: int, pairs: IntArray) -> IntArray:
+def labels_of(count: int, pairs: IntArray) -> IntArray:
+    """(count,) number of the connected part of each of so many nodes; `pairs` (K, 2) are joined."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -72,12 +75,19 @@ def unconnected_levels(building: Building) -> tuple[int, ...]:
 
 
 def unreachable(building: Building) -> BoolArray:
-    """(P,) True for floor polygons that no way leads to from the largest part; on a level of its own, from that one's.
+    """(P,) True for floor polygons that no way leads to from the largest part of their house or unconnected level.
 
-    Lifts count as ways.
+    Lifts count as ways. What lies further than `HOUSE_M` from all else is a house of its own where it is large.
     """
+    import shapely
+
     parts = reachable_parts(building)
-    main = {0}
+    shapes = shapely_polygons(building.polygons)
+    near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=HOUSE_M)
+    houses = labels_of(len(parts), parts[near[:, building.level(near[0]) == building.level(near[1])]].T)[parts]
+    area_m2 = np.bincount(houses, weights=[polygon.area_m2 for polygon in building.polygons])
+    # The largest part is 0, and the largest of a house the least.
+    main = {int(parts[houses == house].min()) for house in np.flatnonzero(area_m2 >= MIN_HOUSE * area_m2.max())}
     for level in unconnected_levels(building):
         here = [i for i, polygon in enumerate(building.polygons) if polygon.level == level]
         area_m2 = np.bincount(parts[here], weights=[building.polygons[i].area_m2 for i in here])

@@ -17,6 +17,7 @@ from pdrbench_formats.detect import read as read_file
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.maps.plan import Plan
 
+DOORS_HELP: Final = "Open rooms without a door: none; nearest: 0.9 m to a corridor; wide: the whole wall."
 MAX_ROWS: Final = 12  # of a list in a terminal; --json and --out have all
 
 app = typer.Typer(help="Plans of buildings.", no_args_is_help=True)
@@ -38,6 +39,7 @@ def check(
         typer.Option("--walk", metavar="FILE", help="A recording with places: which walls does it cross?"),
     ] = None,
     kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="any")] = None,
+    doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "none",
     as_json: AsJson = False,
 ) -> None:
     """List what a plan holds, what no way leads to, and what had to be repaired; draw it."""
@@ -45,7 +47,7 @@ def check(
         from pdrbench_formats.pages.map_check import check_walk, plan_facts
         from pdrbench_formats.pages.map_page import write_picture
 
-        plan = read_plan(plan_file, kind)
+        plan = read_plan(plan_file, kind, doors)
         walk = None if walk_file is None else check_walk(plan.building, _places(walk_file, plan))
         facts = {"path": str(plan_file), **plan_facts(plan)}
         if walk is not None:
@@ -80,6 +82,8 @@ def _places(file: Path, plan: Plan) -> Trajectory:
 def _print(facts: dict[str, Any], plan: Plan) -> None:
     from pdrbench_formats.pages.map_page import shown
 
+    for warning in facts["warnings"]:
+        say(f"warning: {warning}")
     for name in ("path", "name", "format"):
         say(f"{name}: {facts[name]}")
     unconnected = ", ".join(str(level) for level in facts["unconnected_levels"]) or "none"
@@ -89,8 +93,6 @@ def _print(facts: dict[str, Any], plan: Plan) -> None:
         say(
             f"walk: {walk['places']} places, {walk['outside']} outside the floor, {walk['walls_crossed']} walls crossed"
         )
-    for warning in facts["warnings"]:
-        say(f"warning: {warning}")
     repairs = [{"kind": r.kind, "where": r.where, "what": r.what} for r in plan.repairs]
     tables = {name: facts[name] for name in ("levels", "stairs", "lifts", "unreachable")} | {"repairs": repairs}
     if walk is not None:

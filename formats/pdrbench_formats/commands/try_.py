@@ -15,6 +15,7 @@ from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import PdrbenchError
 from pdrbench_formats.commands.inspect import COLUMNS_HELP
+from pdrbench_formats.commands.map import DOORS_HELP
 
 if TYPE_CHECKING:
     from pdrbench.result import Result
@@ -44,6 +45,7 @@ def try_(
         list[str] | None,
         typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="all registered"),
     ] = None,
+    doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "nearest",
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", file_okay=False, help="Pictures, paths, the table, and the task file.")
     ] = Path("pdrbench-try"),
@@ -62,7 +64,7 @@ def try_(
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
         from pdrbench_formats.taskfile.suitable import declined_results
 
-        wishes = Wishes(plan, columns, _start(start), heading, truth, mounting)
+        wishes = Wishes(plan, columns, _start(start), heading, truth, mounting, doors)
         localizers = ready_localizers(localizer, SPLIT, isolation)
         path, notes = write_draft(files, wishes, make_folder(out))
         walks = walks_of_file(path)

@@ -15,12 +15,14 @@ from pdrbench.building.connectivity import unreachable
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture.plan import FLOOR_COLOURS, Bounds, draw_level, fill_rings
+from pdrbench_formats.maps.openings import is_guessed
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.pages.map_check import WalkCheck, plan_facts
 
 MAX_DOOR_M: Final = 2.5  # a wider connection between two floors is no door
 COLOURS: Final = {
     "door": "#009e73",
+    "door guessed": "#e69f00",
     "stairs": FLOOR_COLOURS["stairs"],
     "lift": "#0072b2",
     "no way leads here": "#d55e00",
@@ -28,7 +30,7 @@ COLOURS: Final = {
     "walk": "#56b4e9",
     "walk through a wall": "#ee0000",
 }
-NOT_DRAWN: Final = frozenset({"treads made", "edges joined", "height assumed", "door found"})
+NOT_DRAWN: Final = frozenset({"treads made", "edges joined", "height assumed", "door found", "door guessed"})
 MANY_REPAIRS: Final = 40  # on one level: above it their numbers would hide the plan
 SMALL: Final = 0.5  # of the building: a level that is smaller than this both ways is drawn larger than the others
 WALK_MARGIN_M: Final = 5.0  # shown about a walk
@@ -103,6 +105,8 @@ class _Drawing:
         absent = {"no way leads here"} - ({"no way leads here"} if self.is_lost.any() else set())
         kinds = {polygon.kind for polygon in self.plan.building.polygons}
         absent |= {"stairs", "lift"} - kinds
+        if not any(repair.kind == "door guessed" for repair in self.plan.repairs):
+            absent.add("door guessed")
         if self.walk is None:
             absent |= {"walk", "walk through a wall"}
         if not any(repair.kind not in NOT_DRAWN and repair.place_xy_m for repair in self.plan.repairs):
@@ -172,6 +176,8 @@ def _draw_marks(axes: Any, building: Building, level: int, is_lost: BoolArray) -
     length_m = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
     keep = is_floor[neighbour[doors]] & (length_m <= MAX_DOOR_M) & (length_m > 0.3)
     axes.add_collection(LineCollection(list(ends[keep]), colors=COLOURS["door"], linewidths=1.6, zorder=5))
+    guessed = [p.outline_xy_m for p in building.polygons if p.level == level and is_guessed(p)]
+    axes.add_collection(LineCollection(guessed, colors=COLOURS["door guessed"], linewidths=2.2, zorder=5.5))
 
 
 def _draw_walk(axes: Any, walk: WalkCheck, level: int) -> None:

@@ -29,6 +29,7 @@ class Wishes:
         heading_deg: Heading of travel there, counter-clockwise from the x axis.
         truth: CSV of places.
         mounting: Where the device was carried; empty for what the file says, or shows.
+        doors: What is done for rooms of the plan without one.
     """
 
     plan: Path | None = None
@@ -37,6 +38,7 @@ class Wishes:
     heading_deg: float | None = None
     truth: Path | None = None
     mounting: str = ""
+    doors: str = "none"
 
 
 def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Path, list[str]]:
@@ -93,7 +95,7 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
             )
         walks.append(table)
     if plan is not None and wishes.plan is not None:
-        content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute())))
+        content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute()), doors=wishes.doors))
     folder.mkdir(parents=True, exist_ok=True)
     index.save()
     path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8", newline="\n")

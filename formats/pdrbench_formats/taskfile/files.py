@@ -200,9 +200,9 @@ def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Tra
 
 
 @functools.lru_cache(maxsize=8)
-def read_plan_once(place: Path, kind: str, _stamped: Stamp) -> Plan:
+def read_plan_once(place: Path, kind: str, doors: str, _stamped: Stamp) -> Plan:
     """A plan, read again where its stamp is another."""
-    return read_plan(place, kind or None)
+    return read_plan(place, kind or None, doors)
 
 
 def _read(path: Path, place: Path, kind: str, content: TaskFile, table: WalkTable) -> Any:

@@ -140,7 +140,7 @@ class _Opening:
         if table is None:
             return WalkReader(self._path, self._content, None, turn, None)
         place = files.beside(self._path, table.file)
-        plan = files.read_plan_once(place, table.format, files.stamp(place))
+        plan = files.read_plan_once(place, table.format, table.doors, files.stamp(place))
         self._notes += [f"{place.name}: {warning}" for warning in plan.warnings]
         geo = plan.geo
         if align is not None and align.lat_deg is not None and align.lon_deg is not None:

@@ -67,10 +67,14 @@ class AlignTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """`[plan]`: file, relative to the folder of the task, its format where the content does not show it."""
+    """`[plan]`: file, relative to the folder of the task, its format where the content does not show it.
+
+    `doors` says what is done for rooms without one: "none", "nearest" or "wide".
+    """
 
     file: _Name
     format: str = ""
+    doors: str = "none"
     align: AlignTable | None = None
 
 
