@@ -6,6 +6,7 @@ import functools
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files as package_files
+from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import msgspec
@@ -122,6 +123,14 @@ class _File(Record, frozen=True):
 def _file() -> _File:
     content = package_files("pdrbench_leaderboard").joinpath(BOARDS_FILE).read_text(encoding="utf-8")
     return msgspec.convert(tomllib.loads(content), _File)
+
+
+def read_secret(path: Path) -> str:
+    """The secret in a file; raises `BundleError`."""
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BundleError(f"cannot read the secret in {path}: {type(error).__name__}") from None
 
 
 def boards() -> Mapping[str, Board]:

@@ -86,16 +86,13 @@ def run(
         from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.run import Settings
         from pdrbench_leaderboard.run import run as run_boards
-        from pdrbench_leaderboard.signing import check_listed
 
         of_round = find_round(round_number)
-        if key is not None:
-            check_listed(key, root)  # raises before anything is played
         settings = Settings(
             root=root,
             work=work or cache_folder() / "boards" / f"round-{of_round.number}",
             round=of_round,
-            secret=None if secret is None else read_secret(secret),
+            secret=secret,
             jobs=jobs,
             scheduler=scheduler,
             parts=PARTS if part is None else (part,),
@@ -121,14 +118,6 @@ def run(
         say(f"{root} holds what came of it; `pdrbench leaderboard build` makes tables and pages")
     if any(row["refused"] for row in rows):
         raise typer.Exit(1)
-
-
-def read_secret(path: Path) -> str:
-    """The secret in a file."""
-    try:
-        return path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise BundleError(f"cannot read the secret in {path}: {type(error).__name__}") from None
 
 
 @app.command("build")

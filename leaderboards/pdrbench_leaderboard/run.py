@@ -16,11 +16,11 @@ from pdrbench.errors import BundleError
 from pdrbench.evaluation.cluster import on_cluster
 from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
 from pdrbench.evaluation.store import make_folder, write_whole
-from pdrbench.process.launch import CONFINED, Isolation
+from pdrbench.process.launch import CONFINED, Isolation, find_launcher
 from pdrbench.registry import localizers
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.settings import split_name
-from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part, Round
+from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part, Round, read_secret
 from pdrbench_leaderboard.bundle import SUFFIX
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_of
 from pdrbench_leaderboard.draw import NAME_DIGITS, DrawnPart, draw, made_by
@@ -43,6 +43,7 @@ from pdrbench_leaderboard.record import (
     write_walks,
 )
 from pdrbench_leaderboard.score import score_part
+from pdrbench_leaderboard.signing import check_listed
 from pdrbench_leaderboard.submission import find_card, unpack_bundle
 
 DISTRIBUTION: Final = "pdrbench"  # whose localizers are entries of every board that they suit
@@ -90,7 +91,7 @@ class Settings:
         root: Folder that holds `<board>/<entry>/`.
         work: Folder that keeps drawn walks and answers; on a cluster, one that all machines see.
         round: Whose held-out walks are played.
-        secret: Behind them, where it is not published.
+        secret: File with what is behind them, where it is not published.
         jobs: Processes.
         scheduler: Address of a Dask scheduler whose workers play; None: this machine.
         parts: That are played.
@@ -104,7 +105,7 @@ class Settings:
     root: Path
     work: Path
     round: Round
-    secret: str | None = field(default=None, repr=False)
+    secret: Path | None = None
     jobs: int = 1
     scheduler: str | None = None
     parts: tuple[Part, ...] = ("public", "held-out")
@@ -119,11 +120,21 @@ class Settings:
         return self.isolation or ("process" if entrant.is_registered else CONFINED)
 
     def check(self, wanted: Sequence[Entrant]) -> None:
-        """Raises `BundleError` where a stranger's code would run unconfined beside a secret or a key."""
+        """Raises where a stranger's code would run beside a secret or a key in a process that is not confined.
+
+        Neither of them has been read when this is called.
+
+        Raises:
+            BundleError: Another isolation was asked for.
+            PdrbenchError: The system denies what confinement needs.
+        """
         guarded = self.key is not None or not self.round.secret
         for entrant in wanted if guarded else ():
-            if not entrant.is_registered and self.isolation_of(entrant) != CONFINED:
+            if entrant.is_registered:
+                continue
+            if self.isolation_of(entrant) != CONFINED:
                 raise BundleError(f"{entrant.card.name} is not registered here: it is played confined beside a secret")
+            find_launcher(CONFINED).check(entrant.spec, localizer_target(entrant.spec))
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,19 +212,26 @@ def run(
     for path in bundles:
         place = settings.work / SENT / hashlib.sha256(path.read_bytes()).hexdigest()[:NAME_DIGITS]
         sent.append(Entrant(*unpack_bundle(path, place, settings.supplies)))
+    others = [spec for spec in named if not spec.endswith(SUFFIX)]
+    wanted_on = {
+        board.name: [*sent, *(entrants(board.name, settings.root, others, card) if others or not sent else ())]
+        for board in boards
+    }
+    settings.check([one for wanted in wanted_on.values() for one in wanted])
+    if settings.key is not None:
+        check_listed(settings.key, settings.root)
+    secret = settings.round.secret_of(None if settings.secret is None else read_secret(settings.secret))
     for board in boards:
-        others = [spec for spec in named if not spec.endswith(SUFFIX)]
-        wanted = [*sent, *(entrants(board.name, settings.root, others, card) if others or not sent else ())]
-        settings.check(wanted)
+        wanted = wanted_on[board.name]
         for each in board.environments:
             listed = each.first(settings.walks)
             for part in listed.parts:
                 if part in settings.parts:
-                    yield _run_part(board, listed, part, wanted, settings)
+                    yield _run_part(board, listed, part, wanted, settings, secret)
 
 
 def _run_part(
-    board: Board, listed: BoardEnvironment, part: Part, wanted: Sequence[Entrant], settings: Settings
+    board: Board, listed: BoardEnvironment, part: Part, wanted: Sequence[Entrant], settings: Settings, secret: str
 ) -> Outcome:
     if not listed.has_data:
         return Outcome(board.name, listed.env, part, why="its recorded data is not found, see `pdrbench data`")
@@ -224,7 +242,6 @@ def _run_part(
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
         return Outcome(board.name, listed.env, part, kept=kept)
-    secret = settings.round.secret_of(settings.secret)
     drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
     now = part_walks(drawn, settings.round.number)
     results = _play(drawn, todo, settings)

@@ -149,7 +149,8 @@ def test_metrics_of_entries_are_known() -> None:
 def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(
     settings: Settings, mine: tuple[str, Path]
 ) -> None:
-    closed = dataclasses.replace(settings, round=Round(number=1, commitment=commitment(SECRET)), secret=SECRET)
+    nowhere = settings.root / "secret"  # it is not read
+    closed = dataclasses.replace(settings, round=Round(number=1, commitment=commitment(SECRET)), secret=nowhere)
     with pytest.raises(BundleError, match="played confined beside a secret"):
         list(run([TOY], [mine[0]], closed, card=mine[1]))
     assert not settings.root.exists()

@@ -128,6 +128,16 @@ def mount_proc() -> None:
     check(LIBC.mount(b"proc", b"/proc", b"proc", MS_NOSUID | MS_NODEV | MS_NOEXEC, None))
 
 
+def mount_facts(files: dict[str, bytes]) -> None:
+    """A /proc of plain files: nothing in it changes, and their numbers are the same in every walk; raises `OSError`."""
+    check(LIBC.mount(b"tmpfs", b"/proc", b"tmpfs", MS_NOSUID | MS_NODEV | MS_NOEXEC, b"size=4m,mode=755"))
+    for path, content in files.items():
+        os.makedirs(os.path.dirname(path), exist_ok=True)  # noqa: PTH103, PTH120
+        with open(path, "wb") as file:  # noqa: PTH123
+            file.write(content)
+    check(_set_attributes("/proc", MS_RDONLY, 0, 0))
+
+
 def _mount_tree(orders: dict[str, Any]) -> None:
     check(LIBC.mount(b"none", b"/", None, MS_PRIVATE_TREE, None))
     check(_set_attributes("/", MS_RDONLY, 0, AT_RECURSIVE))

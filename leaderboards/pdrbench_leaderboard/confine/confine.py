@@ -54,8 +54,6 @@ def detach(record: ProtectionRecord, limits: FileLimits, memory_mb: int, cpu_s: 
         ("limit-core", "RLIMIT_CORE", 1),  # 0 would still hand the memory to a program that collects crashes
     ):
         record.attempt([name], lambda which=which, limit=limit: _lower(which, limit))  # type: ignore[misc]
-    if sys.platform == "linux":
-        record.attempt(["first-to-go"], _prefer_for_oom)
 
 
 def confine(record: ProtectionRecord, ruleset: Ruleset | None, why_none: str) -> None:
@@ -102,8 +100,8 @@ def _lower(name: str, limit: int) -> None:
     resource.setrlimit(which, (wanted, wanted))
 
 
-def _prefer_for_oom() -> None:
-    """Where the system's memory runs out, the kernel ends this process first."""
+def prefer_for_oom() -> None:
+    """Where the system's memory runs out, the kernel ends this process and its children first; raises `OSError`."""
     prctl(PR_SET_DUMPABLE, 1)  # the file belongs to root otherwise
     with open("/proc/self/oom_score_adj", "w") as file:  # noqa: PTH123  a file of the kernel
         file.write("1000")

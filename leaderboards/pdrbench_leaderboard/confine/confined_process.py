@@ -7,14 +7,13 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from pdrbench.process.child_process import (
     CHECK_S,
     MAX_OUTPUT_BYTES,
-    MEBIBYTE,
     REPLIES_CLOSED,
     REQUESTS_CLOSED,
     UNREQUESTED,
@@ -26,16 +25,14 @@ from pdrbench.process.child_process import (
     check_limits,
 )
 from pdrbench.process.messages import TRACE_SIGNAL, ProtocolError, frame_size
-from pdrbench_leaderboard.confine import scratch
 from pdrbench_leaderboard.confine.boot import LENGTH_BYTES, ProtectionRecord
-from pdrbench_leaderboard.confine.confine import FileLimits, mode
+from pdrbench_leaderboard.confine.confine import mode
 from pdrbench_leaderboard.confine.memory_group import MemoryGroup
 from pdrbench_leaderboard.confine.usage import Usage
 
 LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
 CHECK_MS: Final = round(1000 * CHECK_S)
 TRACEBACK_S: Final = 0.2  # for a traceback of a child whose time is up
-MEASURE_S: Final = 1.0  # between looks at the files of a scratch folder that no protection limits
 QUIET_S: Final = 0.1  # without another write: the traceback is complete
 READ_BYTES: Final = 1 << 15
 MAX_PIPE_BYTES: Final = 1 << 20  # Linux: what a process without privileges may enlarge a pipe to
@@ -46,12 +43,10 @@ class ConfinedProcess:
 
     Args:
         limits: Of its memory and threads.
-        files: Of its files.
         reap: Ends it, after waiting up to so many seconds for it to end by itself.
         pid: Its number in the namespace of the launcher.
-        handle: Descriptor that names it everywhere; -1 where there is none.
+        handle: Descriptor that names it everywhere.
         pipes: Our ends of those for requests, replies and output.
-        folder: Its scratch folder.
         group: In which the kernel counts its memory; None where there is none.
 
     Attributes:
@@ -61,24 +56,19 @@ class ConfinedProcess:
     def __init__(
         self,
         limits: Limits,
-        files: FileLimits,
         reap: Callable[[float], Ended],
         pid: int,
         handle: int,
-        pipes: tuple[int, int, int],
-        folder: str,
+        pipes: Sequence[int],
         group: MemoryGroup | None = None,
     ) -> None:
-        self._folder, self._group = folder, group
-        self._has_exceeded = self._measures_scratch = False
-        self._measured_s = 0.0
-        self._limits, self._files, self._reap, self._handle = limits, files, reap, handle
+        self._group, self._has_exceeded = group, False
+        self._limits, self._reap, self._handle = limits, reap, handle
         self._record = ProtectionRecord()
         self._requests, self._replies, self._output = pipes
         for descriptor in pipes:
             os.set_blocking(descriptor, False)
-        self._pid = _own_pid(handle, pid)
-        self._usage = Usage(self._pid)
+        self._usage = Usage(_own_pid(handle, pid))
         self._buffer = bytearray()
         self._output_bytes = bytearray()
         self.last_read_s = self._checked_s = time.monotonic()
@@ -153,9 +143,8 @@ class ConfinedProcess:
         return self._has_exceeded or (self._group is not None and self._group.has_exceeded)
 
     def look_at(self, record: ProtectionRecord) -> None:
-        """Looks at what no protection limits: its memory, and files of its scratch folder."""
+        """Notes its protections, and looks at its memory."""
         self._record = record
-        self._measures_scratch = "scratch-limited" not in record.held
         self._usage.read()
 
     def check_silence(self) -> None:
@@ -169,10 +158,7 @@ class ConfinedProcess:
     def request_traceback(self) -> None:
         """Makes a child whose time is up write a traceback, also where compiled code holds the interpreter."""
         with contextlib.suppress(OSError):
-            if self._handle >= 0:
-                signal.pidfd_send_signal(self._handle, TRACE_SIGNAL)
-            else:
-                os.kill(self._pid, TRACE_SIGNAL)
+            signal.pidfd_send_signal(self._handle, TRACE_SIGNAL)
         ends_s = time.monotonic() + TRACEBACK_S
         has_begun = False  # a traceback comes in many small writes
         while time.monotonic() < ends_s:
@@ -204,8 +190,7 @@ class ConfinedProcess:
                         break
                 self._is_closed = True
                 for descriptor in (self._requests, self._replies, self._output, self._handle):
-                    if descriptor >= 0:
-                        os.close(descriptor)
+                    os.close(descriptor)
         return self._ended
 
     def _write(self, left: bytearray, ends_s: float) -> None:
@@ -247,26 +232,15 @@ class ConfinedProcess:
         return False
 
     def _check(self) -> None:
-        """Raises `EndedError` where memory, threads or files exceed their limits; called every `CHECK_S`."""
+        """Raises `EndedError` where memory or threads exceed their limits; called every `CHECK_S`."""
         self._checked_s = self.last_read_s
         used = self._usage.read()
-        if used is None:
-            return
-        check_limits(*used, self._limits)
-        if self._measures_scratch and self.last_read_s - self._measured_s > MEASURE_S:
-            self._measured_s = self.last_read_s
-            limits = self._files
-            size, files = scratch.measure(self._folder, self._pid, limits.scratch_files)
-            if size > limits.scratch_mb * MEBIBYTE or files > limits.scratch_files:
-                what = f"{files} files of {size / MEBIBYTE:.0f} MB"
-                allowed = f"{limits.scratch_files} files of {limits.scratch_mb} MB"
-                raise EndedError(f"scratch: it has {what}; the limit is {allowed} together", is_running=True)
+        if used is not None:
+            check_limits(*used, self._limits)
 
 
 def _own_pid(handle: int, pid: int) -> int:
     """The number that a child has in the namespace of this process; the launcher knows another one."""
-    if handle < 0:
-        return pid
     try:
         lines = Path(f"/proc/self/fdinfo/{handle}").read_text().splitlines()
     except OSError:

@@ -1,9 +1,9 @@
 """The launcher: an interpreter that has imported the toolbox and nothing else, and forks one child for each walk.
 
 A fork of it is a fresh interpreter in some milliseconds. It starts no threads, holds no recording, no reference and no
-secret, runs no code of a localizer but pdrbench's own, and ends with the process that started it. Where the system
-grants it, the child is alone in namespaces that exist for its walk only: with it end its processes and its files, and
-the numbers that the kernel counts up for them.
+secret, runs no code of a localizer but pdrbench's own, and ends with the process that started it. The child is alone in
+namespaces that exist for its walk only: with it end its processes and its files, and the numbers that the kernel counts
+up for them.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ from typing import Any, Final
 from pdrbench.process import child_main, messages
 from pdrbench_leaderboard.confine import boot, numba_cache, scratch
 from pdrbench_leaderboard.confine.boot import ProtectionRecord, receive, send
-from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach
+from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach, prefer_for_oom
 from pdrbench_leaderboard.confine.landlock import Ruleset
 from pdrbench_leaderboard.confine.memory_group import MEMORY_GROUP, enter
 from pdrbench_leaderboard.confine.shared_modules import import_only
 from pdrbench_leaderboard.confine.toolbox import LIBRARIES, TOOLBOX
-from pdrbench_leaderboard.confine.walk_process import LoneWalk, SharedWalk, WalkProcess
+from pdrbench_leaderboard.confine.walk_process import LoneWalk
 
 MAX_RULESETS: Final = 16
-NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output; then the entrance of a group, if any
-NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")  # by "walk-alone"
+NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")
+# What numeric libraries ask /proc, as it was when the launcher began: what changes there would be a note
+PROC_FILES: Final = ("/proc/cpuinfo", "/proc/sys/vm/overcommit_memory", "/proc/filesystems", "/proc/version")
 
 
 def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> None:
@@ -74,21 +75,19 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
 class _Launcher:
     def __init__(self, control: socket.socket, orders: dict[str, Any], record: ProtectionRecord) -> None:
         self._control, self._orders, self._record = control, orders, record
-        self._child: WalkProcess | None = None
+        self._child: LoneWalk | None = None
         self._namespace = -1
-        lacking = [name for name in NEEDED_ALONE if name not in record.held]
-        if lacking:
-            record.missing["walk-alone"] = record.missing.get(lacking[0], "not asked for")
-        else:
+        if all(name in record.held for name in NEEDED_ALONE):
             self._namespace = os.open("/proc/self/ns/pid", os.O_RDONLY | os.O_CLOEXEC)
+        self._proc = {path: _content(path) for path in PROC_FILES}
         self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
         self._libraries: set[str] = set()
 
     def run(self) -> None:
         """One order after the other."""
-        send(self._control, {"held": self._record.held})
+        send(self._control, {"held": self._record.held, "missing": self._record.missing})
         while True:
-            order, descriptors = receive(self._control, NUM_PIPES + 1)
+            order, descriptors = receive(self._control, 1)
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
                 self._import_builtins(order["fork"]["builtins"])
@@ -96,10 +95,15 @@ class _Launcher:
                     os.makedirs(order["fork"]["compiled"], exist_ok=True)  # noqa: PTH103
                 if order["fork"]["calls_compiled"]:
                     numba_cache.prepare()
-                self._child = child = self._fork(order["fork"], descriptors)
+                try:
+                    self._child = child = self._fork(order["fork"], descriptors)
+                    send(self._control, {"pid": child.pid}, [child.handle, *child.pipes])
+                    for descriptor in child.pipes:
+                        os.close(descriptor)
+                except OSError as error:
+                    send(self._control, {"denied": str(error.strerror)})
                 for descriptor in descriptors:
                     os.close(descriptor)
-                send(self._control, {"pid": child.pid}, [child.handle] if child.handle >= 0 else [])
             else:
                 send(self._control, self._reap(order["reap"]["grace_s"]))
 
@@ -146,39 +150,36 @@ class _Launcher:
                 self._rulesets[key] = (None, str(error.strerror))
         return self._rulesets[key]
 
-    def _fork(self, order: dict[str, Any], descriptors: Sequence[int]) -> WalkProcess:
+    def _fork(self, order: dict[str, Any], entrance: Sequence[int]) -> LoneWalk:
         ruleset, why_none = self._ruleset(order)
         os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
-        if self._namespace >= 0:
-            record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
+        record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
 
-            def arrange() -> None:
-                boot.mount_proc()
-                boot.mount_scratch(self._orders)
-                if ruleset is not None:
-                    ruleset.write(self._orders["scratch"])
+        def arrange() -> None:
+            record.attempt(["first-to-go"], prefer_for_oom)
+            boot.mount_scratch(self._orders)
+            boot.mount_facts({**self._proc, "/proc/self/maps": _content("/proc/self/maps")})
+            if ruleset is not None:
+                ruleset.write(self._orders["scratch"])
+                ruleset.read("/proc")
 
-            try:
-                return LoneWalk(
-                    lambda: self._become_child(order, descriptors, ruleset, why_none, record),
-                    arrange,
-                    descriptors,
-                    self._namespace,
-                )
-            except OSError as error:
-                self._namespace = -1
-                self._record.missing["walk-alone"] = str(error.strerror)
-        return SharedWalk(lambda: self._become_child(order, descriptors, ruleset, why_none, self._record))
+        return LoneWalk(
+            lambda pipes: self._become_child(order, pipes, entrance, ruleset, why_none, record),
+            arrange,
+            self._orders["scratch"],
+            self._namespace,
+        )
 
     def _become_child(
         self,
         order: dict[str, Any],
-        descriptors: Sequence[int],
+        pipes: Sequence[int],
+        entrance: Sequence[int],
         ruleset: Ruleset | None,
         why_none: str,
         record: ProtectionRecord,
     ) -> None:
-        (requests, replies, output), entrance = descriptors[:NUM_PIPES], descriptors[NUM_PIPES:]
+        requests, replies, output = pipes
         if entrance:
             record.attempt([MEMORY_GROUP], lambda: enter(*entrance))
         else:
@@ -194,8 +195,6 @@ class _Launcher:
         if order["compiled"]:
             numba_cache.keep_all(order["compiled"])
         close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
-        if ruleset is not None:
-            ruleset.read(f"/proc/{os.getpid()}/maps")  # not what says which pages of a file were in memory before
         confine(record, ruleset, why_none)
         if ruleset is not None:
             ruleset.close()
@@ -209,6 +208,13 @@ class _Launcher:
         self._child = None
         scratch.empty(self._orders["scratch"])
         return {"code": os.waitstatus_to_exitcode(ended.pop("status")), "killed": killed, **ended}
+
+
+def _content(path: str) -> bytes:
+    """Of a file of the kernel; empty where it has none such."""
+    with contextlib.suppress(OSError):
+        return Path(path).read_bytes()
+    return b""
 
 
 def _make_ruleset(order: dict[str, Any], scratch: str) -> Ruleset:

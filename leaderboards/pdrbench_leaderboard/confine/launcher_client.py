@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdrbench.arithmetic import THREADS
+from pdrbench.errors import PdrbenchError
 from pdrbench.process.child_process import GRACE_S, MEBIBYTE, Ended, LaunchError, Limits
 from pdrbench_leaderboard.confine import scratch
 from pdrbench_leaderboard.confine.boot import receive, send
@@ -28,16 +29,24 @@ from pdrbench_leaderboard.confine.memory_group import MemoryGroup, find_place
 from pdrbench_leaderboard.confine.read_permissions import ReadPermissions, compiled_folders, hidden_places, numba_cache
 from pdrbench_leaderboard.confine.shared_modules import shared_modules
 from pdrbench_leaderboard.confine.toolbox import LIBRARIES
+from pdrbench_leaderboard.confine.walk_process import NUM_PIPES
 
 START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
 # One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
 BOOT: Final = Path(__file__).with_name("boot.py")
 
 
+class DeniedError(PdrbenchError):
+    """The system denies what confinement needs."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"confinement was asked for, and the system denies {what}")
+
+
 class Launcher:
     """One launcher process; its children come one after the other.
 
-    They are confined as far as the system grants it. Those of a folder of packages import from there, and of what is
+    Those of a folder of packages import from there, and of what is
     installed here no more than pdrbench and what that needs.
     """
 
@@ -104,12 +113,12 @@ class Launcher:
             cpu_s: Its processor time.
             compiled: Folder of its compiled functions; empty where there is none.
             is_rehearsal: Whether it may write there; else it may read.
+
+        Raises:
+            LaunchError: The launcher has ended.
+            DeniedError: The system does not grant it.
         """
-        requests_in, requests = os.pipe()
-        replies, replies_out = os.pipe()
-        output, output_out = os.pipe()
         group = self._make_group()
-        theirs = (requests_in, replies_out, output_out)
         order = {
             "readable": [*permissions.readable, *([compiled] if compiled else [])],
             "listed": permissions.listed,
@@ -126,19 +135,15 @@ class Launcher:
             "why_no_group": self._why_no_group,
         }
         try:
-            answer, handles = self._ask({"fork": order}, theirs if group is None else (*theirs, group.entrance))
-        except LaunchError:
+            answer, descriptors = self._ask({"fork": order}, () if group is None else (group.entrance,))
+            if "denied" in answer:
+                raise DeniedError(f"namespaces for a walk ({answer['denied']})")
+        except PdrbenchError:
             if group is not None:
                 group.close()
-            for descriptor in (requests, replies, output):
-                os.close(descriptor)
             raise
-        finally:
-            for descriptor in theirs:
-                os.close(descriptor)
-        handle = handles[0] if handles else -1
-        pipes = (requests, replies, output)
-        return ConfinedProcess(self.limits, self.files, self.reap, answer["pid"], handle, pipes, self._scratch, group)
+        handle, *pipes = descriptors
+        return ConfinedProcess(self.limits, self.reap, answer["pid"], handle, pipes, group)
 
     def _make_group(self) -> MemoryGroup | None:
         """A group for one walk; None where the system does not grant it."""
@@ -179,7 +184,7 @@ class Launcher:
     def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
         try:
             send(self._control, order, descriptors)
-            return receive(self._control, 1)
+            return receive(self._control, 1 + NUM_PIPES)
         except (OSError, EOFError) as error:
             self._has_ended = True  # its first process may take a moment to follow
             raise LaunchError(LAUNCHER_ENDED) from error
@@ -189,6 +194,7 @@ class Launcher:
         try:
             answer, _ = self._ask(orders)
             self.held: list[str] = answer["held"]  # protections by its namespaces
+            self.missing: dict[str, str] = answer["missing"]
         except LaunchError as error:
             raise LaunchError(f"no process for localizers can be started: {self._last_error_line()}") from error
 

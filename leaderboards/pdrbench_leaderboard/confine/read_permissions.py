@@ -37,7 +37,6 @@ SYSTEM: Final = (
     *("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/share/zoneinfo", "/etc/ld.so.cache"),
     *("/etc/localtime", "/etc/nsswitch.conf", "/sys/kernel/mm/transparent_hugepage/enabled"),
     *(f"/sys/devices/system/cpu/{name}" for name in ("online", "possible", "present", "kernel_max")),
-    *("/proc/cpuinfo", "/proc/sys/vm/overcommit_memory", "/proc/filesystems", "/proc/version"),
     *("/dev/urandom", "/dev/random", "/dev/zero"),
 )
 SOURCES: Final = (".py", ".so", ".pyd", ".pyc")

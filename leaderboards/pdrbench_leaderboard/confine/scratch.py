@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import os
-import stat
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Final
 
 RIGHTS: Final = 0o700
-BLOCK_BYTES: Final = 512  # in which stat(2) counts
 
 
 def empty(folder: str) -> None:
@@ -62,39 +58,3 @@ def _clear(folder: int, root: int, names: Iterator[str]) -> list[str]:
             os.rename(name, new_name, src_dir_fd=folder, dst_dir_fd=root)
             moved.append(new_name)
     return moved
-
-
-def measure(folder: str, pid: int, max_files: int) -> tuple[float, int]:
-    """Size of all files below a folder, deleted ones that a process has open included, and their number.
-
-    Args:
-        folder: In which an untrusted process writes.
-        pid: That process.
-        max_files: Counting ends beyond this number.
-
-    Returns:
-        Bytes on the disk, infinite where a part cannot be looked at: a path too long, a folder without rights.
-    """
-    size, files = 0.0, 0
-    waiting = [folder]
-    while waiting and files <= max_files:
-        try:
-            with os.scandir(waiting.pop()) as entries:
-                for entry in entries:
-                    with contextlib.suppress(FileNotFoundError):
-                        size += entry.stat(follow_symlinks=False).st_blocks * BLOCK_BYTES
-                        if entry.is_dir(follow_symlinks=False):
-                            waiting.append(entry.path)
-                    files += 1
-                    if files > max_files:
-                        break
-        except FileNotFoundError:
-            continue
-        except OSError:
-            return math.inf, files
-    with contextlib.suppress(OSError):
-        for descriptor in Path(f"/proc/{pid}/fd").iterdir():
-            with contextlib.suppress(OSError):
-                found = descriptor.stat()
-                size += found.st_blocks * BLOCK_BYTES if stat.S_ISREG(found.st_mode) and not found.st_nlink else 0
-    return size, files

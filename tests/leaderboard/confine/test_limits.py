@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +15,6 @@ from pdrbench.process import Budget, LocalizerExit
 from pdrbench.process.child_process import Limits
 from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
 from pdrbench_leaderboard.confine.memory_group import MemoryGroup, enter, find_place
-from pdrbench_leaderboard.confine.scratch import measure
 
 GREEDY = """
     import mmap
@@ -79,29 +76,6 @@ def test_memory_is_limited_and_none_is_shared(begin: Begin, name: str, why: str)
         bomb.step(Observation(0.0, {}))
     peak_mb = bomb.close()["peak_mb"]
     assert float(str(peak_mb)) < 700
-
-
-@pytest.fixture
-def idle() -> Iterator[int]:
-    """A process that holds no file; this one may hold deleted ones of pytest and of other tests."""
-    nothing = subprocess.DEVNULL
-    with subprocess.Popen(["sleep", "60"], stdin=nothing, stdout=nothing, stderr=nothing) as process:
-        yield process.pid
-        process.kill()
-
-
-def test_what_cannot_be_measured_counts_as_too_much(tmp_path: Path, idle: int) -> None:
-    (tmp_path / "file").write_bytes(bytes(100_000))
-    size, files = measure(str(tmp_path), idle, 10)
-    assert (100_000 <= size < 200_000, files) == (True, 1)
-    here = os.open(tmp_path, os.O_RDONLY)
-    for _ in range(30):  # deeper than a path can be long
-        os.mkdir("d" * 200, dir_fd=here)
-        here, above = os.open("d" * 200, os.O_RDONLY, dir_fd=here), here
-        os.close(above)
-    os.close(here)
-    assert measure(str(tmp_path), idle, 1000)[0] == float("inf")
-    assert measure(str(tmp_path), idle, 5)[1] == 6, "counting ends"
 
 
 def tree(root: Path, mounted: str = "/") -> tuple[Path, Path]:

@@ -1,6 +1,6 @@
-"""Where the system refuses a protection, or the user is unprivileged, walks are played and the record says so.
+"""Where the system refuses a protection nothing is played; an unprivileged user plays as root does.
 
-Every walk is played in a fork of this process in which a seccomp filter, such as a container's, refuses calls; its
+Everything happens in a fork of this process in which a seccomp filter, such as a container's, refuses calls; its
 launcher and its child inherit the filter.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import io
+import itertools
 import os
 import platform
 import struct
@@ -20,13 +21,17 @@ from typing import Any
 import msgspec
 import pytest
 
+from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.process_run import play_in_child
 from pdrbench.evaluation.walk_job import plan_walks
 from pdrbench.process.budget import Budget
+from pdrbench.task import commitment
+from pdrbench_leaderboard.boards import Board, Round
 from pdrbench_leaderboard.confine import seccomp
 from pdrbench_leaderboard.confine.boot import CLONE
 from pdrbench_leaderboard.confine.confine import _drop_capabilities
 from pdrbench_leaderboard.confine.launcher_client import discard
+from pdrbench_leaderboard.run import Settings, run
 
 pytestmark = [
     pytest.mark.confinement,
@@ -34,19 +39,21 @@ pytestmark = [
 ]
 ALLOW, REFUSE = seccomp.ALLOW, seccomp.ERRNO
 SET_NO_NEW_PRIVS, SET_SECCOMP = 38, 22  # of prctl
-NAMESPACES = {f"namespace-{kind}" for kind in ("user", "mount", "pid", "net", "ipc", "uts")}
-# Calls by their numbers on x86-64 and aarch64: what is refused, with which error, and what is missing then.
-UNSHARE, SET_ATTRIBUTES, MAKE_RULESET, SECCOMP = (272, 97), (442, 442), (444, 444), (317, 277)
-REFUSED: dict[str, tuple[list[tuple[int, int]], int, set[str]]] = {
-    "namespaces": ([UNSHARE], errno.EPERM, NAMESPACES),
-    "mounts": ([SET_ATTRIBUTES], errno.ENOSYS, {"files-read-only"}),
+# Calls by their numbers on x86-64 and aarch64, and what is missing where they are refused
+SECCOMP = (317, 277)
+REFUSED: dict[str, tuple[tuple[int, int], str]] = {
+    "namespaces": ((272, 97), "namespace-pid"),
+    "landlock": ((444, 444), "landlock-files"),
+    "seccomp": (SECCOMP, "seccomp"),
+    "mounts": ((442, 442), "files-read-only"),
 }
-NEEDED: dict[str, tuple[tuple[int, int], int]] = {
-    "landlock-files": (MAKE_RULESET, errno.ENOSYS),
-    "seccomp": (SECCOMP, errno.EINVAL),
-}
+KINDS = ("namespaces", "landlock", "seccomp")
+COMBINATIONS = [of for size in (1, 2, 3) for of in itertools.combinations(KINDS, size)]
 UNPRIVILEGED = 65_534
+SKIP = "cannot be tried: "
 ENV = "Toy-v1"
+SECRET = "c105ed" * 8
+CLOSED = Round(number=1, commitment=commitment(SECRET))
 
 
 class Skip(Exception):
@@ -64,26 +71,29 @@ class Played(msgspec.Struct):
     missing: dict[str, str]
 
 
-def play() -> Played:
+def play() -> Played | str:
     """A walk as a worker plays it."""
     options: dict[str, Any] = {"budget": Budget(), "isolation": "confined"}
-    (job,) = plan_walks({ENV: ["stay"]}, split="val", seeds=[0], walks=1, parameters={}, **options)
+    try:
+        (job,) = plan_walks({ENV: ["stay"]}, split="val", seeds=[0], walks=1, parameters={}, **options)
+    except PdrbenchError as error:
+        return str(error)
     result = play_in_child(job, {}, io.BytesIO())
     isolation: Any = result.provenance["isolation"]
     return Played(result.status, result.failure, result.estimates.xy_m.tobytes(), **isolation)
 
 
-def in_fork(prepare: Callable[[], object]) -> Played:
-    """A walk in a fork of this process, after `prepare`."""
+def in_fork(prepare: Callable[[], object], act: Callable[[], Played | str] = play) -> Played | str:
+    """A walk, or what else is done, in a fork of this process, after `prepare`."""
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
         try:
             prepare()
-            report_bytes = msgspec.msgpack.encode(play())
+            report_bytes = msgspec.msgpack.encode(act())
             discard()
         except Skip as skip:
-            report_bytes = msgspec.msgpack.encode(str(skip))
+            report_bytes = msgspec.msgpack.encode(f"{SKIP}{skip}")
         except BaseException:  # noqa: BLE001  reported by the parent
             report_bytes = traceback.format_exc().encode()
         with os.fdopen(writing, "wb") as report:
@@ -97,7 +107,7 @@ def in_fork(prepare: Callable[[], object]) -> Played:
         played: Played | str = msgspec.msgpack.decode(report_bytes, type=Played | str)
     except msgspec.DecodeError:
         raise AssertionError(report_bytes.decode()) from None
-    if isinstance(played, str):
+    if isinstance(played, str) and played.startswith(SKIP):
         pytest.skip(played)
     return played
 
@@ -122,33 +132,44 @@ def refuse(calls: list[tuple[int, int]], code: int) -> None:
 
 @pytest.fixture(scope="module")
 def usual() -> Played:
-    return in_fork(lambda: None)
+    found = in_fork(lambda: None)
+    assert isinstance(found, Played)
+    return found
 
 
-@pytest.mark.parametrize("what", REFUSED)
-def test_refused_calls_are_recorded_and_the_walk_is_the_same(what: str, usual: Played) -> None:
-    calls, code, expected = REFUSED[what]
-    played = in_fork(lambda: refuse(calls, code))
-    assert (played.status, played.failure) == ("complete", "")
-    assert played.xy_m == usual.xy_m
-    assert expected <= played.missing.keys()
-    assert not expected & set(played.held)
-    assert {played.missing[name] for name in expected & set(usual.held)} <= {os.strerror(code)}
-    lost = {name for name in usual.held if name not in played.held}
-    depends = {"files-read-only", "scratch-limited", "proc-own", "data-hidden", "walk-alone"}
-    assert lost <= expected | depends, "the others hold as before"
-    assert ("namespaces" in played.mode) == bool(NAMESPACES & set(played.held))
+def verify(board: Board, spec: str, card: Path, root: Path) -> str:
+    """The error by which verification of a stranger's code ends; neither secret nor key can be read."""
+    nowhere = root / "nowhere"
+    settings = Settings(root=root, work=root, round=CLOSED, secret=nowhere / "secret", key=nowhere / "key")
+    try:
+        list(run([board], [spec], settings, card=card))
+    except PdrbenchError as error:
+        return str(error)
+    return "verified"
 
 
-@pytest.mark.parametrize("what", NEEDED)
-def test_without_what_keeps_files_and_networks_shut_nothing_is_played(what: str, usual: Played) -> None:
-    call, code = NEEDED[what]
-    if what not in usual.held:
-        pytest.skip(f"this system has no {what}")
-    played = in_fork(lambda: refuse([call], code))
-    assert played.status == "failed"
-    assert f"confinement was asked for, and the system denies {what}" in played.failure
-    assert not played.xy_m
+@pytest.mark.parametrize("what", [*COMBINATIONS, ("mounts",)], ids="+".join)
+def test_verification_is_refused_and_neither_secret_nor_key_is_read(
+    what: tuple[str, ...], usual: Played, toy_board: Board, mine: tuple[str, Path], tmp_path: Path
+) -> None:
+    assert {REFUSED[name][1] for name in what} <= set(usual.held), "it holds on this system"
+    calls = [REFUSED[name][0] for name in what]
+    found = in_fork(lambda: refuse(calls, errno.EPERM), lambda: verify(toy_board, *mine, tmp_path))
+    assert isinstance(found, str)
+    assert "confinement was asked for, and the system denies" in found
+    assert any(REFUSED[name][1] in found for name in what)
+
+
+def test_a_registered_localizer_is_played_without_any_of_them(toy_board: Board, tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text(SECRET)
+
+    def run_stay() -> str:
+        settings = Settings(root=tmp_path, work=tmp_path, round=CLOSED, secret=secret, walks=1, isolation="none")
+        return str([of.played for of in run([toy_board], ["stay"], settings)])
+
+    calls = [REFUSED[name][0] for name in KINDS]
+    assert in_fork(lambda: refuse(calls, errno.EPERM), run_stay) == str([("stay",), ("stay",)])
 
 
 def lose_rights() -> None:
@@ -169,6 +190,7 @@ def test_a_normal_user_plays_walks_as_root_does(usual: Played) -> None:
     if os.getuid():
         pytest.skip(f"user {os.getuid()} is a normal user already: all other tests show it")
     played = in_fork(lose_rights)
+    assert isinstance(played, Played)
     assert (played.status, played.failure) == ("complete", "")
     assert played.xy_m == usual.xy_m
     assert {"no-new-privileges", "no-capabilities", "process-group", "limit-memory"} <= set(played.held)

@@ -10,6 +10,7 @@ import gc
 import os
 import resource
 import signal
+import stat
 import sys
 import threading
 import time
@@ -56,6 +57,8 @@ class Counts(Probe):
             "thread-number": (lambda: threading.get_native_id() > MANY, ALONE),
             "file-number": (lambda: self.number_of_a_file() > MANY, ALONE),
             "pipe-number": (lambda: os.fstat(os.pipe()[0]).st_ino, CALLS),
+            "own-pipe-number": (lambda: any(map(self.is_numbered, range(8))), ALONE),
+            "proc-number": (lambda: any(map(self.is_numbered, self.pushed())), ALONE),
             "last-process": (lambda: can_open("/proc/sys/kernel/ns_last_pid"), FILES),
             "load": (lambda: can_open("/proc/loadavg"), FILES),
             "load-by-call": (lambda: is_let_in("sysinfo", words), CALLS),
@@ -75,6 +78,20 @@ class Counts(Probe):
             "evicts-mapped": (lambda: is_let_in("madvise", library, 4096, MADV_PAGEOUT), CALLS),
             "watches": (lambda: is_let_in("inotify_init1", 0), CALLS),
         }
+
+    def pushed(self) -> list[str]:
+        """Places below /proc, whose look-up makes the kernel count up."""
+        own = ["/proc/self/task", "/proc/self/fd", "/proc/self/status", f"/proc/{os.getpid()}"]
+        for number in range(100):
+            with contextlib.suppress(OSError):
+                Path(f"/proc/self/fdinfo/{number}").stat()
+        return own
+
+    def is_numbered(self, place: int | str) -> bool:
+        with contextlib.suppress(OSError):
+            found = os.stat(place)  # noqa: PTH116  of descriptors too
+            return not stat.S_ISCHR(found.st_mode) and found.st_ino > MANY
+        return False
 
     def number_of_a_file(self) -> int:
         Path("file").touch()
