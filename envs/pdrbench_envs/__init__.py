@@ -10,6 +10,8 @@ ENVIRONMENTS = {
     "IpinPhone-v1": "pdrbench_envs.ipin_phone:task",
     "MallPhone-v2": "pdrbench_envs.malls.environment:task",
     "MallPhoneLost-v2": "pdrbench_envs.malls.environment:task_lost",
+    "RetailPhone-v1": "pdrbench_envs.retail.environment:task",
+    "RetailPhoneLost-v1": "pdrbench_envs.retail.environment:task_lost",
     "WifiFingerprints-v1": "pdrbench_envs.wifi_fingerprints:task",
     "FootVicon-v0": "renamed:FootVicon-v1",
     "FootWalks-v0": "renamed:FootWalks-v1",
@@ -34,3 +36,6 @@ ENVIRONMENTS = {
     "WestportPhone-v0": "renamed:CampusPhone-v1",
     "WestportPhone-v1": "renamed:CampusPhone-v1",
 }
+
+# What the core asks for by name.
+EXCHANGES = {"add_kaggle_iln": "pdrbench_envs.retail.adding:add_kaggle_iln"}

@@ -1,4 +1,4 @@
-"""`pdrbench data list|fetch|verify|pack`."""
+"""`pdrbench data list|fetch|add|verify|pack`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import DatasetError
 from pdrbench.registry import EXCHANGES_GROUP, find_entry, task_place
 
-app = typer.Typer(no_args_is_help=True, help="List, fetch and verify recorded datasets.")
+app = typer.Typer(no_args_is_help=True, help="List, fetch, add and verify recorded datasets.")
 app.command("list")(listing.datasets)
 
 LOG_EVERY_FILES: Final = 25  # lines of progress where no terminal shows a bar
@@ -74,6 +74,26 @@ def _fetch_packed(urls: list[str], sha256: str | None, as_json: bool) -> None:
     if as_json:
         print_json({"datasets": [{"id": came.folder.name, "folder": came.folder, "fetched": list(came.fetched)}]})
     note(f"{len(came.fetched)} files fetched; run it with: pdrbench run LOCALIZER {came.folder}")
+
+
+@app.command("add")
+def add(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A registered dataset that users bring themselves.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Its download, unpacked or as zip.")],
+    as_json: AsJson = False,
+) -> None:
+    """Check and index your own copy of a dataset, and remember where it lies; nothing is copied."""
+    from pdrbench.datasets import dataset
+
+    found = dataset(name)
+    if found.files:
+        raise DatasetError(f"{name}: is fetched, not added: {found.how_to_get or f'pdrbench data fetch {name}'}")
+    with answer_only(as_json):
+        facts, lines = find_entry(EXCHANGES_GROUP, "exchange", f"add_{name}").load()(folder, note)
+    if as_json:
+        print_json({"id": name} | facts)
+    for line in lines:
+        note(line)
 
 
 @app.command("pack")

@@ -67,7 +67,8 @@ class Dataset(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         how_to_get: What to do where the set cannot be fetched.
         by_content: True where `path` is not the name that the source gave the file, because those names hold names
             of people; such files are recognised by their hash, wherever they lie in the folder.
-        files: Every file.
+        files: Every file; none of a set that every user brings, see `data add`.
+        also_named: Other names of its folder.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Dataset(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     how_to_get: str
     by_content: bool
     files: tuple[DataFile, ...]
+    also_named: tuple[str, ...] = ()
 
     @property
     def total_bytes(self) -> int:
@@ -89,7 +91,7 @@ class Dataset(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     @property
     def is_fetchable(self) -> bool:
         """True where every required file has a source that it can be fetched from."""
-        return all(file.url for file in self.files if file.is_required)
+        return bool(self.files) and all(file.url for file in self.files if file.is_required)
 
 
 def read_table(text: bytes, origin: str) -> Dataset:

@@ -8,6 +8,7 @@ from pathlib import Path
 from pdrbench.datasets.catalogue import LICENCE, NOTE, Dataset, dataset
 from pdrbench.errors import DatasetError
 
+_FOLDERS = "folders.txt"  # of the copies of a set that were added
 DATA_VARIABLE, CACHE_VARIABLE = "PDRBENCH_DATA", "PDRBENCH_CACHE"
 
 
@@ -27,9 +28,28 @@ def find(name: str) -> Path:
             if _holds(folder, sought):
                 return folder
     cached = cache_folder() / name
-    if is_whole(cached, sought):
+    if not sought.files:
+        for folder in brought_folders(name):
+            return folder
+    elif is_whole(cached, sought):
         return cached
     raise DatasetError(_how_to_get(sought, cached))
+
+
+def brought_folders(name: str) -> list[Path]:
+    """Copies of a set that every user brings: those that were added, then folders of `PDRBENCH_DATA` named like it."""
+    kept = cache_folder() / name / _FOLDERS
+    added = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
+    named = (place / one for place in data_folders() for one in (name, *dataset(name).also_named))
+    return [place for place in (*map(Path, added), *named) if place.exists()]
+
+
+def remember_folder(name: str, place: Path) -> None:
+    """Makes a folder or archive a copy of a set that every user brings."""
+    kept = cache_folder() / name / _FOLDERS
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    before = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
+    kept.write_text("".join(f"{one}\n" for one in dict.fromkeys([*before, str(place)])), encoding="utf-8")
 
 
 def is_available(name: str) -> bool:

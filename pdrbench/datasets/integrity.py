@@ -59,6 +59,8 @@ def verify(name: str, path: Path | str | None = None) -> list[Problem]:
     folder = find(name) if path is None else Path(path)
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder; give the folder of {name!r}")
+    if not sought.files:
+        return []
     return list(_verify_content(sought, folder) if sought.by_content else _verify_paths(sought, folder))
 
 

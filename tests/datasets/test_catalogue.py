@@ -24,12 +24,12 @@ def table(row: str) -> bytes:
 def test_every_set_are_registered_with_hashes_and_licences() -> None:
     assert sorted(datasets()) == [
         "foot_dual", "foot_loops", "foot_short", "foot_stride_gcp", "foot_stride_gcp_2", "foot_vicon", "foot_vicon_2",
-        "ilc20", "ilc20_full", "ipin2023_track3", "maps", "phone_steps", "wifi_fingerprints",
+        "ilc20", "ilc20_full", "ipin2023_track3", "kaggle_iln", "maps", "phone_steps", "wifi_fingerprints",
     ]  # fmt: skip
     for name, each in datasets().items():
         assert each.name == name
         assert each.summary and each.licence and each.licence_note and each.source_url and each.citation
-        assert any(file.role == "licence" for file in each.files), name
+        assert any(file.role == "licence" for file in each.files) or name == "kaggle_iln"  # users bring it
         assert all(re.fullmatch("[0-9a-f]{64}", file.sha256) for file in each.files)
         assert len({file.path for file in each.files}) == len(each.files)
         assert each.is_fetchable or each.how_to_get

@@ -29,6 +29,7 @@ DATASET: Final = "ilc20_full"
 REMEDY: Final = f"delete it and run `pdrbench data fetch {DATASET}`"
 _OF_WALK: Final = ("scans", "readings", "places")  # arrays of `Scans` with a row for each walk
 _JOINED: Final = ("t_s", "xy_m", "count", "access_point", "rssi_dbm", "age_s", "place_xy_m")  # walk after walk
+ARRAYS: Final = (*_OF_WALK, *_JOINED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +111,7 @@ def scans_of(paths: tuple[str, ...]) -> Scans:
     """Scans of some walks, parsed once."""
     here = Path(__file__)
     code = bytes_sha256([here, Path(ilc20.__file__)])
-    return Scans(paths, **parsed_once(paths, code, (*_OF_WALK, *_JOINED), _parsed))
+    return Scans(paths, **parsed_once(paths, code, ARRAYS, _parsed))
 
 
 def parsed_once(
@@ -127,10 +128,10 @@ def parsed_once(
     contents = [files()[path].content_sha256 for path in paths]
     key = hashlib.sha256("\n".join((code, *paths, *contents)).encode()).hexdigest()
     kept = cache_folder() / "surveys" / f"{DATASET}-{key[:16]}.npz"
-    arrays = _kept(kept, names)
+    arrays = kept_arrays(kept, names)
     if arrays is None:
         arrays = parse(paths)
-        _keep(kept, arrays)
+        keep_arrays(kept, arrays)
     return arrays
 
 
@@ -144,7 +145,8 @@ def level_of(path: str) -> int:
     return ilc20_map.level_of_floor(Path(path).parts[1])
 
 
-def _kept(place: Path, names: Sequence[str]) -> dict[str, Any] | None:
+def kept_arrays(place: Path, names: Sequence[str]) -> dict[str, Any] | None:
+    """Arrays that `keep_arrays` wrote; None where they are not there or damaged."""
     try:
         with np.load(place, allow_pickle=False) as found:
             return {name: found[name] for name in names}
@@ -152,7 +154,7 @@ def _kept(place: Path, names: Sequence[str]) -> dict[str, Any] | None:
         return None
 
 
-def _keep(place: Path, arrays: Mapping[str, Any]) -> None:
+def keep_arrays(place: Path, arrays: Mapping[str, Any]) -> None:
     """Keeps what was parsed for the next process; where that is impossible, the next one parses again."""
     content = io.BytesIO()
     np.savez(content, **arrays)
@@ -165,13 +167,18 @@ def _keep(place: Path, arrays: Mapping[str, Any]) -> None:
 
 def _parsed(paths: Sequence[str]) -> dict[str, Any]:
     """The arrays of `Scans`."""
-    by_walk = [_scans_of_walk(log_once(path)) for path in paths]
+    return joined_scans([scans_of_walk(log_once(path)) for path in paths])
+
+
+def joined_scans(by_walk: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The arrays of `Scans`, from those of one walk or more."""
     joined = {name: np.concatenate([walk[name] for walk in by_walk]) for name in _JOINED}
     counted = zip(_OF_WALK, ("t_s", "access_point", "place_xy_m"), strict=True)
     return joined | {name: np.array([len(walk[of]) for walk in by_walk]) for name, of in counted}
 
 
-def _scans_of_walk(log: Log) -> dict[str, Any]:
+def scans_of_walk(log: Log) -> dict[str, Any]:
+    """Arrays of one walk, under the names of `Scans`."""
     way = log.reference
     wifi = log.rows.get("wifi", np.zeros((0, 5)))
     first_s, last_s = (way.t_s[0], way.t_s[-1]) if len(way) else (np.inf, -np.inf)

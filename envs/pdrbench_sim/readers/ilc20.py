@@ -168,7 +168,7 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
         reference=_reference(waypoints, floor or header.get("FloorName") or lines.path.parent.name, lines.path),
         device=f"{header.get('Brand', '')} {header.get('Model', '')}".strip(),
         report=report,
-        start_unix_s=None if begin_ms is None else (begin_ms + first_ms) / 1000,
+        start_unix_s=None if begin_ms is None else float(begin_ms + first_ms) / 1000,
     )
 
 
