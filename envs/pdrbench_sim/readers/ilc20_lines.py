@@ -25,7 +25,9 @@ _HASH_BYTES: Final = 24  # an address of a network has 17
 _HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
 HEAD_BYTES: Final = 65_536
 _SHORT = re.compile(rb"^\d{1,9}(?=\tTYPE_)", re.MULTILINE)  # milliseconds from 0 without leading zeros: eleven days
-_GLUED = re.compile(rb"(?<=[^\n])(?=\d{13}\tTYPE_|#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):)")
+# Both begin with plain characters, which makes searching ten times as fast.
+_TYPE_FIELD = re.compile(rb"\tTYPE_")
+_HEADER = re.compile(rb"#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +157,10 @@ def as_float(text: bytes) -> float:
 def split_glued(lines: Lines) -> Lines:
     """The same text with the lost line feed put before every record that begins inside a line."""
     content = lines.content
-    cuts = [match.start() for match in _GLUED.finditer(content)]
+    fields = [match.start() for match in _TYPE_FIELD.finditer(content)]
+    cuts = [at - TIME_DIGITS for at in fields if content[at - TIME_DIGITS : at].isdigit()]
+    cuts = sorted(cuts + [match.start() for match in _HEADER.finditer(content)])
+    cuts = [cut for cut in cuts if cut > 0 and content[cut - 1] != _LINE_FEED]
     bounds = [0, *cuts, len(content)]
     content = b"\n".join(content[a:b] for a, b in pairwise(bounds))
     glued = [content.count(b"\n", 0, cut + number) for number, cut in enumerate(cuts, start=1)]
