@@ -65,6 +65,30 @@ def plain_text(text: str) -> str:
     return "".join(sign if sign in "\n\t" or sign.isprintable() else "?" for sign in text)
 
 
+def plain_line(text: str) -> str:
+    """The same on one line, so that a text from outside forges none.
+
+    >>> plain_line("no idea\\npdrbench: all passed")
+    'no idea pdrbench: all passed'
+    """
+    return plain_text(" ".join(text.split()))
+
+
+def plain_cell(text: str) -> str:
+    """The same as a cell of a table that a spreadsheet opens: what it would compute is marked as text.
+
+    >>> plain_cell("=1+1"), plain_cell("walk-1")
+    ("'=1+1", 'walk-1')
+    """
+    line = plain_line(text)
+    return f"'{line}" if line.startswith(("=", "+", "-", "@")) else line
+
+
+def quoted(text: str) -> str:
+    """The same over several lines, each of which shows that it is not pdrbench's."""
+    return "\n".join(f"  | {line}" for line in plain_text(text).splitlines())
+
+
 def not_loaded(reasons: Mapping[str, str]) -> str:
     """Lines below an error, each with the name and the reason of something registered that could not be loaded."""
     return "".join(f"\n    (not loaded: {name!r}: {reason})" for name, reason in reasons.items())

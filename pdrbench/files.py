@@ -1,4 +1,4 @@
-"""Files: digests of their bytes, and what systems do differently: locks between processes, waiting for the disk.
+"""Files: names from outside, digests of bytes, and what systems do differently: locks, waiting for the disk.
 
 A lock ends with its process, however that ends, and children do not hold it. POSIX has record locks, which belong to
 the process whichever way it opened the file; Windows has region locks, which another opening in it is refused.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
+import re
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -25,6 +26,36 @@ except ImportError:
 # Windows keeps others from reading bytes that are locked, and takes 31 bits: they are behind every content.
 FIRST_ON_WINDOWS: Final = 1 << 30
 RETRY_S: Final = 0.05
+DEVICES: Final = r"(?i:con|prn|aux|nul|com[0-9]|lpt[0-9])"  # names that Windows keeps for itself
+# A name that is harmless on every system: no folder above, no hidden file, no option, no device of Windows
+SAFE_NAME: Final = rf"(?!{DEVICES}(?:[./]|\Z))[A-Za-z0-9_][A-Za-z0-9_.-]{{0,99}}(?<!\.)"
+MAX_DEPTH: Final = 8  # of a path of such names
+SAFE_PATH: Final = rf"{SAFE_NAME}(?:/{SAFE_NAME}){{0,{MAX_DEPTH - 1}}}"
+MAX_NAME: Final = 100  # characters
+
+
+def is_safe_name(name: str) -> bool:
+    """Whether a name from outside may become that of a file or folder.
+
+    >>> [is_safe_name(name) for name in ("walk-1.csv", "..", ".ssh", "a/b", "C:evil", "nul.txt", "")]
+    [True, False, False, False, False, False, False]
+    """
+    return re.fullmatch(SAFE_NAME, name) is not None
+
+
+def is_safe_path(path: str) -> bool:
+    """Whether a relative path from outside, with forward slashes, may become one below a folder."""
+    return re.fullmatch(SAFE_PATH, path) is not None
+
+
+def safe_name(text: str, max_characters: int = MAX_NAME) -> str:
+    """A name of a file that a person recognises a text by; two texts may have the same.
+
+    >>> safe_name("li2012?map=false"), safe_name("../.."), safe_name("con")
+    ('li2012-map-false', '_', '_con')
+    """
+    slug = re.sub(r"[^A-Za-z0-9_-]+", "-", text)[-max_characters:].strip("-")
+    return slug if is_safe_name(slug) else f"_{slug}"
 
 
 def try_lock(file: IO[bytes], byte: int | None = None) -> bool:

@@ -30,17 +30,16 @@ from typing import Annotated, Any, Final
 import msgspec
 
 from pdrbench.errors import PluginError
+from pdrbench.files import MAX_DEPTH, SAFE_PATH
 
 SETTINGS_FILE, PROJECT_FILE = "localizer.toml", "pyproject.toml"
 PACKAGES_MARK: Final = "@"  # between a folder and that with the packages it imports, in the name of a localizer
 SOURCES_BELOW: Final = "src"  # a folder in which modules may lie, besides the top
 MAX_FILES: Final = 1000
-MAX_DEPTH: Final = 8
 MAX_SOURCE_BYTES: Final = 8_000_000  # of all files but weights
 MAX_SETTINGS_BYTES: Final = 250_000
 MAX_WEIGHTS_BYTES: Final = 4_000_000_000  # of each of them
-PART: Final = r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}"  # of a path: harmless on every system
-PATH: Final = re.compile(rf"{PART}(/{PART}){{0,{MAX_DEPTH - 1}}}\Z")
+PATH: Final = re.compile(rf"{SAFE_PATH}\Z")
 NOT_PACKED: Final = re.compile(r"(\..*|__pycache__|.*\.egg-info|.*\.pdrz)\Z")
 
 RelativePath = Annotated[str, msgspec.Meta(pattern=rf"^{PATH.pattern}")]

@@ -17,6 +17,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from pdrbench.errors import BundleError
+from pdrbench.files import SAFE_PATH
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench_leaderboard.schema import Line, Name, Record, Sha256, read_json, write_json
 
@@ -29,7 +30,7 @@ MAX_MEMBERS: Final = 20_000
 MAX_TEXT_BYTES: Final = 32_000_000  # of the manifest
 MAX_SOURCE_BYTES: Final = 64_000_000  # of a folder with its weights
 MAX_NAME_CHARACTERS: Final = 300
-MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}\Z")
+MEMBER: Final = re.compile(rf"{SAFE_PATH}\Z")
 FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can hold
 UNIX: Final = 3
 PLAIN_FILE: Final = 0o100644

@@ -215,11 +215,13 @@ def make_server(site: Path, port: int) -> ThreadingHTTPServer:
         ResultError: The folder holds no site, or the port is taken.
     """
     from functools import partial
-    from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+    from http.server import ThreadingHTTPServer
+
+    from pdrbench_leaderboard.serving import SiteHandler
 
     if not (site / "index.html").is_file():
         raise ResultError(f"no site in {site}; `pdrbench leaderboard build --out {site}` writes it")
     try:
-        return ThreadingHTTPServer((HOST, port), partial(SimpleHTTPRequestHandler, directory=str(site)))
+        return ThreadingHTTPServer((HOST, port), partial(SiteHandler, directory=str(site)))
     except OSError as error:
         raise ResultError(f"cannot listen on port {port}: {error.strerror}; choose another with --port") from error

@@ -10,7 +10,8 @@ from typing import Annotated, Final, TypeVar
 
 import msgspec
 
-from pdrbench.errors import BundleError, plain_text
+from pdrbench.errors import BundleError, plain_line
+from pdrbench.files import DEVICES, SAFE_NAME
 
 MAX_TEXT_BYTES: Final = 65_536  # of a card
 MAX_LINE_CHARACTERS: Final = 400
@@ -19,10 +20,11 @@ Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_CHARACTERS)]
 Remark = Annotated[str, msgspec.Meta(max_length=MAX_LINE_CHARACTERS)]
 Passage = Annotated[str, msgspec.Meta(max_length=4000)]
-Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}\Z")]  # safe as the name of a file
+Name = Annotated[str, msgspec.Meta(pattern=rf"^{SAFE_NAME}\Z")]
 # Id of a localizer on the boards, with settings where it has some: "mine", "li2012?map=false"
 EntryName = Annotated[
-    str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}(\?[A-Za-z0-9_][A-Za-z0-9_.=&,%+-]{0,100})?\Z")
+    str,
+    msgspec.Meta(pattern=rf"^(?!{DEVICES}\Z)[a-z0-9][a-z0-9_-]{{0,60}}(\?[A-Za-z0-9_][A-Za-z0-9_.=&,%+-]{{0,100}})?\Z"),
 ]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
 
@@ -80,6 +82,4 @@ def read_toml(content: bytes, kind: type[Read], what: str) -> Read:
 
 
 def _reason(error: Exception) -> str:
-    return (
-        "is nested too deeply" if isinstance(error, RecursionError) else plain_text(" ".join(str(error).split())[:300])
-    )
+    return "is nested too deeply" if isinstance(error, RecursionError) else plain_line(str(error))[:300]

@@ -23,6 +23,7 @@ from pdrbench.errors import DatasetError, ResultError
 from pdrbench.evaluation import answers
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
+from pdrbench.report.pages import plain_value
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import pictures, table
 from pdrbench_leaderboard.boards import boards, find_round
@@ -86,6 +87,7 @@ def _templates() -> Environment:
     environment = Environment(
         loader=PackageLoader("pdrbench_leaderboard", "page"),
         autoescape=True,
+        finalize=plain_value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

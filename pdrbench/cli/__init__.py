@@ -6,6 +6,7 @@ import functools
 import importlib.util
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -121,7 +122,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except SystemExit as stop:
         status = stop.code if isinstance(stop.code, int) else 1
     except PdrbenchError as error:
-        note(f"pdrbench: {error}")
+        note(re.sub(r"\n(?=\S)", "\n    ", f"pdrbench: {error}"))  # no line of it looks like another error
         return 1
     except KeyboardInterrupt:
         status = INTERRUPTED

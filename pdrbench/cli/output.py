@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from pdrbench.errors import plain_text
+from pdrbench.errors import plain_line, plain_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,7 +59,7 @@ def say(text: object) -> None:
 
 def verdict(passed: bool, name: str, why: str, otherwise: str = "FAIL") -> str:
     """The line of one check."""
-    return f"{'pass' if passed else otherwise}  {name}{f': {why}' if why else ''}"
+    return plain_line(f"{'pass' if passed else otherwise}  {name}{f': {why}' if why else ''}")
 
 
 def console() -> Console:

@@ -27,7 +27,7 @@ from pdrbench.cli.options import (
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
-from pdrbench.errors import UnsuitableError
+from pdrbench.errors import UnsuitableError, quoted
 from pdrbench.result import FAILED
 
 
@@ -93,5 +93,5 @@ def run(
     if out is not None:
         note(f"stored in {out}; draw it with: pdrbench plot {out}")
     if failed := failures(results.results, strict=strict):
-        note(next(result.failure for result in results.results if result.status == FAILED))
+        note(quoted(next(result.failure for result in results.results if result.status == FAILED)))
     exit_on(failed)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from importlib.resources import files as package_files
-from pathlib import PurePosixPath
 from typing import Any
 
 import msgspec
 
 from pdrbench.errors import DatasetError, unknown_name
+from pdrbench.files import is_safe_name, is_safe_path
 
 LICENCE, NOTE = "licence", "note"
 
@@ -43,8 +43,7 @@ class DataFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     recipe: str = "copy"
 
     def __post_init__(self) -> None:
-        parts = PurePosixPath(self.path).parts
-        if not parts or self.path.startswith("/") or ".." in parts or "\\" in self.path:
+        if not is_safe_path(self.path):
             raise ValueError(f"a path inside the set was expected; got {self.path!r}")
 
     @property
@@ -82,6 +81,10 @@ class Dataset(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     by_content: bool
     files: tuple[DataFile, ...]
     also_named: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not is_safe_name(self.name):
+            raise ValueError(f"a name of a folder was expected; got {self.name!r}")
 
     @property
     def total_bytes(self) -> int:

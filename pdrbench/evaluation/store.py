@@ -12,7 +12,6 @@ import hashlib
 import json
 import math
 import os
-import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import answers
+from pdrbench.files import safe_name
 from pdrbench.result import Result
 
 MAGIC: Final = b"pdrbench-result 3 "
@@ -32,6 +32,7 @@ PLAIN: Final = ("env", "split", "walk", "localizer", "seed", "status", "failure"
 TIMES: Final = 2  # columns of times before the answers
 DIGEST_CHARACTERS: Final = 64
 KEY_CHARACTERS_IN_NAME: Final = 20  # 80 bits
+MAX_PART: Final = 40  # characters of an id in a name
 
 
 def result_key(ingredients: Mapping[str, object]) -> str:
@@ -41,7 +42,7 @@ def result_key(ingredients: Mapping[str, object]) -> str:
 
 def result_name(env: str, localizer: str, walk: str, seed: int, key: str) -> str:
     """File name that a person can read and that differs where the key does."""
-    parts = [re.sub(r"[^A-Za-z0-9_-]+", "-", part)[-40:] for part in (env, localizer, walk)]
+    parts = [safe_name(part, MAX_PART) for part in (env, localizer, walk)]
     return ".".join([*parts, f"s{seed}", key[:KEY_CHARACTERS_IN_NAME]]) + SUFFIX
 
 

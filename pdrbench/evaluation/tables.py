@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pdrbench.errors import ResultError
+from pdrbench.errors import ResultError, plain_cell
 from pdrbench.evaluation import store
 from pdrbench.evaluation.rows import finite, ranking_of, rows_of, side_by_side
 from pdrbench.evaluation.scoring import Scored, score_all
@@ -176,7 +176,9 @@ class Results:
 
     def to_csv(self, path: Path | str | None = None) -> str:
         """`frame` as CSV; also written to `path` where one is given."""
-        return _written(str(self.frame().to_csv(index=False)), path)
+        frame = self.frame()
+        texts = {name: frame[name].map(plain_cell) for name in frame if isinstance(frame[name].iloc[:1].max(), str)}
+        return _written(str(frame.assign(**texts).to_csv(index=False)), path)
 
     def to_json(self, path: Path | str | None = None) -> str:
         """`{"rows": rows()}` as JSON; also written to `path` where one is given."""

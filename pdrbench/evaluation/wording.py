@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from pdrbench.errors import unknown_name
+from pdrbench.errors import plain_line, unknown_name
 from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.rows import RANKING, Row
 from pdrbench.metrics import METRICS, POOLED
@@ -216,7 +216,7 @@ def _incidents(results: Sequence[Result]) -> Iterator[str]:
 def last_line(failure: str) -> str:
     """The line of a traceback that names the error."""
     lines = failure.strip().splitlines()
-    return lines[-1] if lines else "no reason given"
+    return plain_line(lines[-1]) if lines else "no reason given"
 
 
 def strata_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:

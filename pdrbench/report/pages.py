@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from pdrbench.errors import plain_text
+
 
 def comparison_page(
     tables: Iterable[tuple[str, list[str], list[list[str]]]], notes: Sequence[str], pictures: Iterable[Path]
@@ -19,6 +21,11 @@ def comparison_page(
     return render("comparison.html", tables=tables, notes=notes, pictures=embedded)
 
 
+def plain_value(value: Any) -> Any:
+    """A text from outside as it goes into a page: without marks of direction; what is HTML already stays."""
+    return plain_text(value) if type(value) is str else value
+
+
 def render(template: str, *, package: str = "pdrbench.report", **values: Any) -> str:
     """Fills one of `templates/` of a package; what is put into HTML is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
@@ -26,6 +33,7 @@ def render(template: str, *, package: str = "pdrbench.report", **values: Any) ->
     environment = Environment(
         loader=PackageLoader(package),
         autoescape=select_autoescape(),
+        finalize=plain_value,
         undefined=StrictUndefined,
         trim_blocks=True,
         keep_trailing_newline=True,

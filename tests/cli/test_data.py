@@ -21,7 +21,7 @@ LICENCE, WALK = b"Do as you please.\n", b"0,1,2\n"
 def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The address of a mirror of a small set that is registered as well, and an empty cache."""
     rows = []
-    for path, content, role in (("LICENSE", LICENCE, "licence"), ("data/walk one.csv", WALK, "data")):
+    for path, content, role in (("LICENSE", LICENCE, "licence"), ("data/walk-one.csv", WALK, "data")):
         place = tmp_path / "mirror/small" / path
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
@@ -59,7 +59,7 @@ def test_fetch_then_verify_then_fetch_nothing(mirror: str, command: Any, tmp_pat
     assert fetched.code == 0
     folder = str(tmp_path / "cache/small")
     assert fetched.json == {
-        "datasets": [{"id": "small", "folder": folder, "fetched": ["LICENSE", "data/walk one.csv"], "recompressed": []}]
+        "datasets": [{"id": "small", "folder": folder, "fetched": ["LICENSE", "data/walk-one.csv"], "recompressed": []}]
     }
     assert "small: licence MIT. Do as you please." in fetched.err  # a licence travels with its data
     again = command("data", "fetch", "small", "--mirror", mirror)
@@ -71,17 +71,17 @@ def test_fetch_then_verify_then_fetch_nothing(mirror: str, command: Any, tmp_pat
 
 def test_differences_are_reported_and_exit_1(mirror: str, command: Any, tmp_path: Path) -> None:
     command("data", "fetch", "small", "--mirror", mirror)
-    walk = tmp_path / "cache/small/data/walk one.csv"
+    walk = tmp_path / "cache/small/data/walk-one.csv"
     walk.write_bytes(b"9,9,9\n")
     (walk.parent / "more.csv").write_bytes(b"")
     outcome = command("data", "verify", "small")
     assert outcome.code == 1
     assert "small: NOT as registered" in outcome.out
-    assert "differs: data/walk one.csv: sha256 " in outcome.out and "extra: data/more.csv" in outcome.out
+    assert "differs: data/walk-one.csv: sha256 " in outcome.out and "extra: data/more.csv" in outcome.out
     answer = command("data", "verify", "small", "--json")
     assert answer.code == 1
     assert {p["path"]: p["kind"] for p in answer.json["datasets"][0]["problems"]} == {
-        "data/walk one.csv": "differs",
+        "data/walk-one.csv": "differs",
         "data/more.csv": "extra",
     }
     walk.write_bytes(WALK)
@@ -95,11 +95,11 @@ def test_a_folder_elsewhere_can_be_verified(mirror: str, command: Any, tmp_path:
 
 
 def test_a_failed_fetch_is_one_line(mirror: str, command: Any, tmp_path: Path) -> None:
-    (tmp_path / "mirror/small/data/walk one.csv").unlink()
+    (tmp_path / "mirror/small/data/walk-one.csv").unlink()
     outcome = command("data", "fetch", "small", "--mirror", mirror, "--json")
     assert (outcome.code, outcome.out) == (1, "")
     (line,) = [line for line in outcome.err.splitlines() if line.startswith("pdrbench: ")]
-    assert f"{mirror}/small/data/walk%20one.csv: the server answers 404" in line
+    assert f"{mirror}/small/data/walk-one.csv: the server answers 404" in line
 
 
 def test_without_data_the_command_says_how_to_begin(mirror: str, command: Any) -> None:

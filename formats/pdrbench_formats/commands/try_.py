@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
-from pdrbench.errors import PdrbenchError
+from pdrbench.errors import PdrbenchError, plain_cell
 from pdrbench_formats.commands.inspect import COLUMNS_HELP
 from pdrbench_formats.commands.map import DOORS_HELP
 
@@ -124,11 +125,13 @@ def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float]
     table = out / "table.csv"
     rows = path_rows(results)
     columns = ["mean_m", *(rows[0] if rows else ())]
-    lines = [",".join(columns)]
+    lines = [columns]
     for row in rows:
         error = error_m.get(row["localizer"], math.nan)
-        lines.append(",".join(["" if math.isnan(error) else repr(error), *(str(value) for value in row.values())]))
-    table.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+        cells = (plain_cell(value) if isinstance(value, str) else str(value) for value in row.values())
+        lines.append(["" if math.isnan(error) else repr(error), *cells])
+    with table.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(lines)
     return [*draw_walks(walks, results, error_m, out), table, *write_paths(walks, results, out / "paths")]
 
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pdrbench.files import safe_name
 from pdrbench.picture import styles_of
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import UNSUITABLE, Result
@@ -41,7 +42,7 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
         recording = walks.task.load(walk)
         start = None if walks.task.start == "unknown" else walks.task.tell_start(recording)
         figure = draw_walk(recording, chosen, styles, f"{walk}{more}", start)
-        path = folder / f"{_plain(walk)}.png"
+        path = folder / f"{safe_name(walk)}.png"
         figure.savefig(path, dpi=DPI, metadata={"Software": None})
         written.append(path)
     return written
@@ -75,11 +76,11 @@ def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[P
         if len(reference):
             tracks["reference"] = reference
         start_unix_s = _start_unix_s(walks, walk)
-        place = folder / _plain(walk)
+        place = folder / safe_name(walk)
         place.mkdir(parents=True, exist_ok=True)
         for name, track in tracks.items():
             for end in ends:
-                path = place / f"{_plain(name)}{end}"
+                path = place / f"{safe_name(name)}{end}"
                 write_path(path, track, geo=walks.reader.geo, start_unix_s=start_unix_s, name=f"{walk} {name}")
                 written.append(path)
     return written
@@ -114,8 +115,3 @@ def _start_unix_s(walks: Walks, walk: str) -> float | None:
     """Time 0 of a walk in seconds since 1970; None where its file does not say."""
     start_s: float | None = walks.facts[walk].start_unix_s
     return None if start_s is None else start_s + walks.begin_s[walk]
-
-
-def _plain(name: str) -> str:
-    """A name that every file system takes."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("_")

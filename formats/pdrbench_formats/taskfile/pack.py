@@ -7,17 +7,18 @@ import hashlib
 import math
 import shutil
 import tempfile
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Final
 from urllib.parse import quote, urlsplit
 
 import msgspec
 
-from pdrbench.datasets.catalogue import DataFile, Dataset, read_table
+from pdrbench.datasets.catalogue import DataFile, Dataset, datasets, read_table
 from pdrbench.datasets.download import Fetched, Progress, fetch_bytes, fetch_into
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.datasets.integrity import sha256_of
 from pdrbench.errors import DatasetError
+from pdrbench.files import is_safe_path, safe_name
 from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.maps import geojson
@@ -32,6 +33,7 @@ from pdrbench_formats.taskfile.schema import (
     TaskFile,
     WalkTable,
     as_toml,
+    read_task_file,
 )
 from pdrbench_formats.taskfile.survey import write_survey_table
 
@@ -71,13 +73,15 @@ def pack(path: Path, folder: Path) -> str:
     if walks.reader.content.card is None:
         questions = "\n".join(f'    {name} = ""  # {what}' for name, what in _QUESTIONS.items())
         raise DatasetError(f"{path}: recordings of people go to others with a data card; add\n    [card]\n{questions}")
+    if len({safe_name(name) for name in walks.tables}) < len(walks.tables):
+        raise DatasetError(f"{path}: two walks have names that differ by signs only; give them other ids")
     if folder.exists():
         raise DatasetError(f"{folder} exists; choose another folder or delete it")
     folder.parent.mkdir(parents=True, exist_ok=True)
     scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         for name in walks.tables:
-            native.write(_recorded(walks.task.load(name)), scratch / WALKS / name)
+            native.write(_recorded(walks.task.load(name)), scratch / WALKS / safe_name(name))
         if walks.reader.building is not None:
             geojson.write(walks.reader.building, scratch / PLAN)
         content = msgspec.structs.replace(_packed(walks), survey=_packed_survey(walks, scratch))
@@ -109,10 +113,24 @@ def fetch_pack(url: str, sha256: str, progress: Progress | None = None) -> Fetch
     base = url.rstrip("/")
     index = fetch_bytes(f"{base}/{INDEX}", sha256)
     found = read_table(index, f"{base}/{INDEX}")
-    if PurePosixPath(found.name).name != found.name:
-        raise DatasetError(f"{base}/{INDEX}: {found.name!r} is no name of a folder; pack it again")
+    if found.name in datasets():
+        raise DatasetError(f"{base}/{INDEX}: {found.name!r} is a registered dataset; pack it under another id")
+    _check_task(found, base)
     files = tuple(msgspec.structs.replace(file, url=f"{base}/{quote(file.path)}") for file in found.files)
     return fetch_into(msgspec.structs.replace(found, files=files), cache_folder() / found.name, progress=progress)
+
+
+def _check_task(found: Dataset, base: str) -> None:
+    """Raises where a task file that was packed names files outside of its folder."""
+    task = next((file for file in found.files if file.path == TASK_FILE), None)
+    if task is None:
+        raise DatasetError(f"{base}/{INDEX} lists no {TASK_FILE}; pack it again")
+    with tempfile.TemporaryDirectory(prefix="pdrbench-") as folder:
+        path = Path(folder) / TASK_FILE
+        path.write_bytes(fetch_bytes(f"{base}/{TASK_FILE}", task.sha256))
+        named = read_task_file(path).named
+    if outside := [name for name in named if not is_safe_path(name)]:
+        raise DatasetError(f"{base}/{TASK_FILE} names {outside[0]!r}, which is no file of its folder; pack it again")
 
 
 def _recorded(recording: Recording) -> Recording:
@@ -141,7 +159,7 @@ def _packed(walks: Walks) -> TaskFile:
             degrees = None if given.heading_rad is None else math.degrees(given.heading_rad)
             place = None if start.xy_m is None else (x_m, y_m)
             start = StartTable(xy_m=place, level=given.level, heading_deg=degrees, radius_m=given.radius_m)
-        tables.append(WalkTable(file=f"{WALKS}/{name}", id=name, split=table.split, start=start))
+        tables.append(WalkTable(file=f"{WALKS}/{safe_name(name)}", id=name, split=table.split, start=start))
     settings = msgspec.structs.replace(content.task, id=task.id, summary=task.summary, licence=task.licence)
     return TaskFile(task=settings, plan=plan, walk=tuple(tables), card=content.card)
 

@@ -180,6 +180,15 @@ class TaskFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     survey: SurveyTable | None = None
     card: CardTable | None = None
 
+    @property
+    def named(self) -> list[str]:
+        """Every file that it names."""
+        maps = [self.columns, *(table.columns for table in self.walk)]
+        names = [name for table in self.walk for name in (table.file, table.truth)]
+        names += [] if self.plan is None else [self.plan.file]
+        names += [] if self.survey is None else self.survey.files
+        return [name for name in (*names, *(of for of in maps if isinstance(of, str))) if name]
+
 
 def read_task_file(path: Path) -> TaskFile:
     """Reads a `task.toml`.
