@@ -140,3 +140,46 @@ def test_a_packed_folder_is_the_same_environment_for_whoever_fetches_it(
     theirs, ours = make_task(str(tmp_path / "cache" / "Try-v0")), make_task(str(tmp_path / "out"))
     for name, stream in ours.load("walk").streams.items():
         np.testing.assert_array_equal(theirs.load("walk").streams[name].rows, stream.rows)
+
+
+def phone_in_an_office(folder: Path) -> tuple[Path, Path]:
+    """A recording of a simulated walk, and a place a second."""
+    from pdrbench_sim.buildings.office import make_office
+    from pdrbench_sim.record import IN_HAND, make_scene, simulate_walk
+
+    building = make_office(np.random.default_rng(1), num_levels=1, area_m2=800)
+    recording = simulate_walk(make_scene(np.random.default_rng(2), building), 3, IN_HAND, duration_s=60)
+    rows = np.column_stack([recording.streams["accel"].rows, recording.streams["gyro"].rows[:, 1:4]])
+    header = "t (s),ax (m/s^2),ay (m/s^2),az (m/s^2),gx (rad/s),gy (rad/s),gz (rad/s)"
+    np.savetxt(folder / "phone.csv", rows, fmt="%.5f", delimiter=",", header=header, comments="")
+    at = np.searchsorted(recording.reference.t_s, np.arange(0.0, 59.0))
+    places = np.column_stack([np.arange(0.0, 59.0), recording.reference.xy_m[at]])
+    np.savetxt(folder / "places.csv", places, fmt="%.3f", delimiter=",", header="t_s,x_m,y_m", comments="")
+    return folder / "phone.csv", folder / "places.csv"
+
+
+def test_the_first_line_says_whom_to_believe_and_the_places_may_be_late(command: Any, tmp_path: Path) -> None:
+    phone, places = phone_in_an_office(tmp_path)
+    late = np.loadtxt(places, delimiter=",", skiprows=1) + [4.0, 0, 0]
+    np.savetxt(places, late, fmt="%.3f", delimiter=",", header="t_s,x_m,y_m", comments="")
+    options = ("--isolation=none", "--mounting=hand", f"--out={tmp_path / 'out'}")
+    done = command("try", phone, f"--truth={places}", "--localizer=dead_reckoning", "--localizer=stay", *options)
+    first, *others = done.out.splitlines()
+    assert first.startswith("believe dead_reckoning: it errs least once turned onto your places"), done.err
+    assert any("--truth-offset -4 moves them" in line for line in others)
+    assert any("no heading at the start is known" in line for line in others)
+    done = command("try", phone, f"--truth={places}", "--localizer=stay", "--truth-offset=-4", *options)
+    assert done.out.startswith("no localizer to believe") and "--truth-offset" not in done.out
+
+
+def test_a_device_that_lay_still_is_said_and_who_fails_is_not_believed(command: Any, tmp_path: Path) -> None:
+    t_s = np.arange(0.0, 20.0, 0.02)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (len(t_s), 6))
+    rows = np.column_stack([t_s, noise + [0, 0, 9.81, 0, 0, 0]])
+    np.savetxt(tmp_path / "still.csv", rows, fmt="%.4f", delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
+    (tmp_path / "mine.py").write_text(
+        "class Fails:\n    def reset(self, briefing, rng): pass\n    def step(self, observation): raise RuntimeError('no')\n"
+    )
+    fails = f"--localizer={tmp_path / 'mine.py'}:Fails"
+    done = command("try", tmp_path / "still.csv", fails, "--isolation=none", f"--out={tmp_path / 'out'}")
+    assert done.out.startswith("no localizer to believe") and "lay still all the time" in done.out

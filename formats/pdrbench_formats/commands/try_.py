@@ -1,4 +1,4 @@
-"""`pdrbench try FILE...`: recordings played by every localizer that can, scored, drawn and exported."""
+"""`pdrbench try FILE...`: recordings played by those to believe, or by all that can, scored, drawn and exported."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
-from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.errors import PdrbenchError, plain_cell
 from pdrbench_formats.commands.inspect import COLUMNS_HELP
 from pdrbench_formats.commands.map import DOORS_HELP
@@ -27,6 +27,7 @@ SCORE: Final = "mean_m"
 RESULTS_FOLDER: Final = "results"
 START_HELP: Final = "Where the walk begins, in metres of the plan."
 HEADING_HELP: Final = "Heading of travel there, counter-clockwise from the x axis (east)."
+OFFSET_HELP: Final = "Added to the times of the places, whose clock is another."
 TRUTH_HELP: Final = "Places to score against: CSV with t_s,x_m,y_m,level."
 
 
@@ -39,13 +40,15 @@ def try_(
     start: Annotated[str | None, typer.Option(metavar="X,Y,LEVEL", help=START_HELP, show_default="first place")] = None,
     heading: Annotated[float | None, typer.Option(metavar="DEGREES", help=HEADING_HELP, show_default="unknown")] = None,
     truth: Annotated[Path | None, typer.Option(metavar="FILE", help=TRUTH_HELP, show_default="of the file")] = None,
+    truth_offset: Annotated[float, typer.Option(metavar="SECONDS", help=OFFSET_HELP)] = 0.0,
     mounting: Annotated[
         str, typer.Option(metavar="WHERE", help="Where it was carried: hand, pocket, foot.", show_default="of the file")
     ] = "",
     localizer: Annotated[
         list[str] | None,
-        typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="all registered"),
+        typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="the best three"),
     ] = None,
+    plays_all: Annotated[bool, typer.Option("--all", help="Play all that can, and name those that cannot.")] = False,
     doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "nearest",
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", file_okay=False, help="Pictures, paths, the table, and the task file.")
@@ -56,23 +59,25 @@ def try_(
     isolation: Isolation = "process",
     as_json: AsJson = False,
 ) -> None:
-    """Play recordings: which localizers can run on them, where they say you walked, as a picture and a table."""
+    """Play recordings: whom to believe, where they say you walked, as a picture and a table."""
     with answer_only(as_json):
         from pdrbench.cli.ready import ready_localizers
         from pdrbench.evaluation import Results, evaluate
         from pdrbench.result import shown_name
         from pdrbench_formats.taskfile import walks_of_file
+        from pdrbench_formats.taskfile.advice import ADVISED, STANDING, advised, believed, doubts, lacks_heading
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
         from pdrbench_formats.taskfile.suitable import declined_results
 
-        wishes = Wishes(plan, columns, _start(start), heading, truth, mounting, doors)
-        localizers = ready_localizers(localizer, SPLIT, isolation)
+        wishes = Wishes(plan, columns, _start(start), heading, truth, mounting, truth_offset, doors)
+        names = localizer or (None if plays_all else (*ADVISED, STANDING))
+        localizers = ready_localizers(names, SPLIT, isolation)
         path, notes = write_draft(files, wishes, make_folder(out))
         walks = walks_of_file(path)
-        for line in (*notes, *walks.notes, *_findings(walks)):
-            note(line)
         declined = declined_results(localizers, str(path), SPLIT, walks.facts)
         played = [name for name in localizers if name not in {result.localizer for result in declined}]
+        if not (localizer or plays_all):
+            played, declined = [*advised(played, walks)], []
         results = Results(tuple(declined))
         if played:
             results = evaluate(
@@ -89,7 +94,28 @@ def try_(
         rows = results.rows() if is_scored and played else []
         named = [replace(one, localizer=shown_name(one.localizer, one.division)) for one in results.results]
         written = _write(walks, named, _errors(rows), out)
-    _print(walks, named, declined, rows, written, out, as_json=as_json)
+        best, why = believed(rows, [*results.results], walks)
+        doubtful = list(doubts(walks, results.results, best))
+        notes = [*notes, *walks.notes, *_findings(walks)]
+    if as_json:
+        _print_json(walks, named, declined, rows, written, {"localizer": best, "why": why, "doubts": doubtful})
+        for line in notes:
+            note(line)
+        return
+    for line in (why, *doubtful):
+        say(line)
+    for file in written:
+        if file.suffix == ".png":
+            say(f"drawn in {file}")
+    _print(walks, named, rows, lacks_heading(walks))
+    if plays_all or localizer:
+        for reason, declining in _by_reason((*named, *declined)).items():
+            note(f"not played, {reason}: {', '.join(declining)}")
+        notes += [f"{walk}: {why}" for walk in walks.facts for why in dict.fromkeys(walks.missing(walk).values())]
+    for line in notes:
+        note(line)
+    note(f"wrote {out / 'table.csv'}, and the paths in {out / 'paths'}")
+    note(f"{walks.reader.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")
 
 
 def _start(text: str | None) -> tuple[float, float, int] | None:
@@ -146,56 +172,49 @@ def _by_reason(results: Sequence[Result]) -> dict[str, list[str]]:
     return {reason: list(of) for reason, of in names.items()}
 
 
-def _print(
+def _print_json(
     walks: Walks,
     results: Sequence[Result],
     declined: Sequence[Result],
     rows: Sequence[Mapping[str, Any]],
     written: Sequence[Path],
-    out: Path,
-    *,
-    as_json: bool,
+    believe: Mapping[str, Any],
 ) -> None:
-    from pdrbench.cli.scoreboard import print_scores
-    from pdrbench.evaluation.wording import incidents
     from pdrbench.result import FAILED, UNSUITABLE
     from pdrbench_formats.pages.tried import path_rows
 
+    print_json(
+        {
+            "believe": believe,
+            "task": walks.reader.path,
+            "rows": rows,
+            "paths": path_rows(results),
+            "declined": {r.localizer: r.failure for r in (*results, *declined) if r.status == UNSUITABLE},
+            "failed": {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == FAILED},
+            "missing": {walk: walks.missing(walk) for walk in walks.facts},
+            "files": written,
+        }
+    )
+
+
+def _print(walks: Walks, results: Sequence[Result], rows: Sequence[Mapping[str, Any]], is_aligned: bool) -> None:
+    """Errors where there are places, else lengths and ends; and what became of answers that are not complete."""
+    from pdrbench.cli.scoreboard import print_scores
+    from pdrbench.evaluation.wording import COLUMNS, incidents
+    from pdrbench.result import ONLINE, UNSUITABLE
+    from pdrbench_formats.pages.tried import path_rows
+    from pdrbench_formats.taskfile.advice import ALIGNED
+
+    if rows and is_aligned:
+        say(f"no heading at the start is known: {ALIGNED} is of paths turned onto the places; --heading settles it")
     paths = path_rows(results)
-    if as_json:
-        reasons = {r.localizer: r.failure for r in (*results, *declined) if r.status == UNSUITABLE}
-        failed = {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == FAILED}
-        missing = {walk: walks.missing(walk) for walk in walks.facts}
-        print_json(
-            {
-                "task": walks.reader.path,
-                "rows": rows,
-                "paths": paths,
-                "declined": reasons,
-                "failed": failed,
-                "missing": missing,
-                "files": written,
-            }
-        )
-        return
     if rows:
-        print_scores(rows)
+        print_scores(rows, (ALIGNED, *COLUMNS) if is_aligned else None)
     elif paths:
         head: dict[str, Mapping[str, Any]] = {name: {"justify": "right", "no_wrap": True} for name in paths[0]}
         cells = [
             [f"{round(v, 1) + 0.0:.1f}" if isinstance(v, float) else str(v) for v in row.values()] for row in paths
         ]
         print_table(head, cells, title="no places to score against: lengths and ends of the paths")
-    for line in incidents([result for result in results if result.status != UNSUITABLE]):
+    for line in incidents([result for result in results if result.status != UNSUITABLE and result.division == ONLINE]):
         note(line)
-    for reason, names in _by_reason((*results, *declined)).items():
-        note(f"not played, {reason}: {', '.join(names)}")
-    for walk in walks.facts:
-        for reason in dict.fromkeys(walks.missing(walk).values()):
-            note(f"{walk}: {reason}")
-    for file in written:
-        if file.parent == out:
-            note(f"wrote {file}")
-    if ends := sorted({file.suffix for file in written if file.parent != out}):
-        note(f"wrote the paths in {out / 'paths'} as {', '.join(ends)}")
-    note(f"{walks.reader.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")

@@ -11,7 +11,7 @@ import msgspec
 from pdrbench.errors import RecordingError
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.detect import read_plan
-from pdrbench_formats.taskfile.files import file_facts
+from pdrbench_formats.taskfile.files import file_facts, with_companions
 from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
 
@@ -29,6 +29,7 @@ class Wishes:
         heading_deg: Heading of travel there, counter-clockwise from the x axis.
         truth: CSV of places.
         mounting: Where the device was carried; empty for what the file says, or shows.
+        truth_offset_s: What is added to the times of `truth`.
         doors: What is done for rooms of the plan without one.
     """
 
@@ -38,6 +39,7 @@ class Wishes:
     heading_deg: float | None = None
     truth: Path | None = None
     mounting: str = ""
+    truth_offset_s: float = 0.0
     doors: str = "none"
 
 
@@ -66,6 +68,7 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
             start=_start(wishes),
             mounting=wishes.mounting,
             truth="" if wishes.truth is None else str(wishes.truth.absolute()),
+            truth_offset_s=wishes.truth_offset_s,
         )
         try:
             facts = file_facts(path, content, table, index)
@@ -75,7 +78,8 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
             walks.append(table)  # refused when the task is opened, which says why
             continue
         has_places = facts.first_s is not None and (plan is None or plan.geo is not None or facts.geo is None)
-        if wishes.start is None and not has_places and wishes.truth is None:
+        has_places = has_places or bool(with_companions(path, table).truth)
+        if wishes.start is None and not has_places:
             heading_deg = wishes.heading_deg or 0.0
             table = msgspec.structs.replace(table, start=StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))
             unused = f"; {wishes.plan.name} is not used" if wishes.plan is not None else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import itertools
@@ -195,7 +196,8 @@ def read_walk(path: Path, content: TaskFile, table: WalkTable) -> Log | Recordin
 def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Trajectory, GeoFrame | None]:
     """The places of a walk, from its table of truth where there is one, and their frame where they are on the Earth."""
     if table.truth:
-        return read_places(beside(path, table.truth), getattr(found, "start_unix_s", None))
+        places, geo = read_places(beside(path, table.truth), getattr(found, "start_unix_s", None))
+        return dataclasses.replace(places, t_s=places.t_s + table.truth_offset_s), geo
     return found.reference, getattr(found, "geo", None)
 
 

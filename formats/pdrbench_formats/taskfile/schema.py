@@ -111,6 +111,7 @@ class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         mounting: Where the device was carried: "hand", "pocket", "foot".
         subject: Facts on the person, such as `height_m`.
         truth: CSV of places, instead of those of the recording.
+        truth_offset_s: What is added to the times of `truth`, whose clock is another.
         columns: Column map of this table, or a file with one; None for that of the task.
         unit: Recording session or person. Intervals resample units, and a fold holds whole ones; every walk has one, or
             none has and the building is the unit.
@@ -125,6 +126,7 @@ class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     mounting: str = ""
     subject: Mapping[str, float | str] = {}
     truth: str = ""
+    truth_offset_s: float = 0.0
     columns: str | Mapping[str, Any] | None = None
     unit: str = ""
     group: str = ""

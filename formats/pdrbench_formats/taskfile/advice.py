@@ -1,0 +1,115 @@
+"""Which localizer to believe on walks that were tried, and what about them nobody should believe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from pdrbench.evaluation.rows import RANKING
+from pdrbench.result import FAILED, UNSUITABLE, Result, shown_name
+from pdrbench_formats.taskfile.late import lag_s
+
+if TYPE_CHECKING:
+    from pdrbench.recording import Recording
+    from pdrbench_formats.taskfile.load import Walks
+
+# docs/choose.md, the best first: each declines what it lacks, so the first that plays is the one to take.
+ADVISED: Final = (
+    *("fusion", "foot_ins_robust", "wifi_knn", "learned", "li2012", "woodman2008", "koeping2012_heading"),
+    *("foot_ins", "gp_wifi", "dead_reckoning"),
+)
+ON_PLAN: Final = ("fusion", "li2012")  # of three walks without a heading fusion lost two (12 and 45 m)
+STANDING: Final = "stay"  # is right at the end of every loop, and wrong on the way
+NUM_ADVISED: Final = 3  # as many paths as a picture shows apart
+ALIGNED: Final = "ate_se2_aligned_m"
+STILL_MPS2: Final = 0.3  # standard deviation of |a| in a second: steps of a shuffling walker have three times that
+OUTSIDE: Final = 0.2  # of a path: more is not the noise of a path along a wall
+
+
+def advised(suited: Iterable[str], walks: Walks) -> tuple[str, ...]:
+    """The first few that suit, as `order` has them; who stands still where there is no other."""
+    known = set(suited)
+    return tuple(name for name in order(walks) if name in known)[:NUM_ADVISED] or (STANDING,)
+
+
+def order(walks: Walks) -> tuple[str, ...]:
+    """`ADVISED`; without a heading at the start, which lets walls choose a wrong way, those on the plan come last."""
+    return tuple(sorted(ADVISED, key=lambda name: name in ON_PLAN)) if lacks_heading(walks) else ADVISED
+
+
+def lacks_heading(walks: Walks) -> bool:
+    """Whether a start is known on a walk, and the heading there is not: every path may be turned."""
+    if walks.task.start == "unknown":
+        return False
+    starts = [walks.task.tell_start(walks.task.load(walk)) for walk in walks.facts if walk not in walks.refused]
+    return any(start is not None and start.heading_rad is None for start in starts)
+
+
+def believed(rows: Sequence[Mapping[str, Any]], results: Sequence[Result], walks: Walks) -> tuple[str, str]:
+    """The localizer to believe, and why, in a sentence: who errs least at the places, else whom `ADVISED` has first.
+
+    A localizer that failed or lacks a walk is never believed, nor is one that stands still.
+    """
+    broken = {result.localizer for result in results if result.status in (FAILED, UNSUITABLE)}
+    played = {result.localizer: None for result in results if result.localizer not in broken | {STANDING}}
+    if not played:
+        return "", "no localizer to believe: none played every walk; the reasons stand below"
+    metric, what = (ALIGNED, "once turned onto") if lacks_heading(walks) else (RANKING, "at")
+    errors = {
+        shown_name(row["localizer"], row["division"]): row["metrics"][metric]["value"]
+        for row in rows
+        if row["localizer"] in played and row["metrics"].get(metric, {}).get("value") is not None
+    }
+    if errors:
+        best = min(errors, key=lambda name: errors[name])
+        return best, f"believe {best}: it errs least {what} your places, by {errors[best]:.2f} m"
+    first = [*order(walks), *played]
+    best = min(played, key=first.index)
+    return best, f"believe {best}: the choice for {_situation(walks)}; no places show how far it errs"
+
+
+def _situation(walks: Walks) -> str:
+    """What decides who is best: what was carried where, plan and start."""
+    recording = walks.task.load(next(iter(walks.facts)))
+    carried = (
+        "a shoe" if recording.mounting == "foot" else "a phone" if "accel" in recording.streams else "such sensors"
+    )
+    plan = "with a plan" if recording.building is not None else "without a plan"
+    return f"{carried} {plan} and {'no' if walks.task.start == 'unknown' else 'a known'} start"
+
+
+def doubts(walks: Walks, results: Sequence[Result], best: str) -> Iterator[str]:
+    """What cannot be meant of a walk, a sentence each: it lay still, begins outside of the plan, or leaves it."""
+    for walk in (walk for walk in walks.facts if walk not in walks.refused):
+        recording = walks.task.load(walk)
+        if _lay_still(recording):
+            yield f"{walk}: the device lay still all the time: nobody walked, and paths say nothing"
+        if lag := lag_s(recording):
+            yield f"{walk}: the places fit the sensors best {lag:+g} s off: --truth-offset {-lag:g} moves them"
+        if recording.building is None:
+            continue
+        start = None if walks.task.start == "unknown" else walks.task.tell_start(recording)
+        if start is not None and not recording.building.contains(start.xy_m[None], np.array([start.level]))[0]:
+            x_m, y_m = start.xy_m
+            yield f"{walk}: the start ({x_m:.1f}, {y_m:.1f}) on level {start.level} lies outside of the plan"
+        for result in results:
+            if (result.walk, shown_name(result.localizer, result.division)) != (walk, best):
+                continue
+            own = result.estimates.given
+            inside = recording.building.contains(result.estimates.xy_m[own], result.estimates.level[own])
+            if own.any() and (~inside).mean() > OUTSIDE:
+                yield f"{walk}: {(~inside).mean():.0%} of the path of {best} lies outside of the plan"
+
+
+def _lay_still(recording: Recording) -> bool:
+    """Whether the acceleration stays the same from second to second, and within each."""
+    if "accel" not in recording.streams:
+        return False
+    rows = recording.streams["accel"].rows
+    size = np.linalg.norm(rows[:, 1:4], axis=1)
+    second = np.floor(rows[:, 0]).astype(np.int64)
+    count = np.maximum(np.bincount(second - second.min()), 1)
+    mean, square = (np.bincount(second - second.min(), weights=values) / count for values in (size, size**2))
+    return bool(np.quantile(np.sqrt(np.maximum(square - mean**2, 0.0)), 0.95) < STILL_MPS2)
