@@ -10,6 +10,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -24,6 +25,9 @@ from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates, Start
 
 CONVERGED_TYPES: Final = (bool, np.bool_, type(None))
 TRUTHS: Final = (0.0, 1.0)
+FIRST_ANSWERS: Final = 10  # in a row at the beginning: nobody means all of them to be missing
+FAR_M: Final = 1000.0  # from the start in so few steps: degrees of Web Mercator, millimetres, another frame
+EXPECTED: Final = "step returns pdrbench.Estimate(xy_m=(x, y) in metres of the plan, level=a whole number)"
 RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards are given them
 TRACK_COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "sigma_m", "heading_rad")  # of `revise`
 NUM_PLACE_COLUMNS: Final = 4  # of them are needed, the others are claims
@@ -89,7 +93,7 @@ def read_estimate(answer: object) -> EstimateRow:
     """Checks one answer of a localizer.
 
     Args:
-        answer: An estimate, or the claims of one that another process has read.
+        answer: An estimate, the claims of one that another process has read, or why that could not read it.
 
     Raises:
         EstimateError: Its first word is the reason under which the answer counts as missing.
@@ -106,6 +110,8 @@ def read_estimate(answer: object) -> EstimateRow:
 
 
 def _claims_of(answer: object) -> EstimateRow:
+    if isinstance(answer, EstimateError):
+        raise answer
     if answer is None:
         raise EstimateError("nothing: the localizer returned None instead of an Estimate")
     if not isinstance(answer, Estimate):
@@ -202,6 +208,7 @@ class Episode:
         self._awaited = False
         self._answers = np.full((len(self), len(ESTIMATE_COLUMNS)), np.nan)
         self._missing: dict[int, str] = {}  # reason by step
+        self._why = ""  # the last of these answers could not be scored
         self._revised: FloatArray | None = None
 
     def fresh(self) -> Episode:
@@ -275,9 +282,27 @@ class Episode:
         try:
             self._answers[self._step] = read_estimate(answer)
         except EstimateError as error:
-            self._missing[self._step] = str(error).partition(":")[0]
+            self._missing[self._step], _, self._why = str(error).partition(": ")
         self._awaited = False
         self._step += 1
+
+    def check_first_answers(self, *, may_wait: bool, place: str) -> None:
+        """Raises `EstimateError` where the first ten answers cannot be meant: all wrong, or all far from the start.
+
+        Args:
+            may_wait: Whether None and NaN may be meant, as they are where no start is known, or the past is revised.
+            place: Of the line to change.
+        """
+        if self._step != FIRST_ANSWERS:
+            return
+        start = self.briefing.start
+        waits = ("nothing", "nan") if may_wait or start is None else ()
+        why = self._why if sum(reason not in waits for reason in self._missing.values()) == FIRST_ANSWERS else ""
+        if start is not None and not self._missing:
+            off_m = np.hypot(*(self._answers[:FIRST_ANSWERS, :2] - start.xy_m).T)
+            why = f"{off_m.min():.3g} m and more from the start" if off_m.min() > FAR_M else ""
+        if why:
+            raise EstimateError(f"the first {FIRST_ANSWERS} answers cannot be meant: {why}; {EXPECTED}{place}")
 
     def submit_rows(self, rows: FloatArray) -> None:
         """Takes the answers to the next N observations at once.
@@ -348,6 +373,15 @@ class Episode:
         )
 
 
+def place_of_step(localizer: object) -> str:
+    """Where what a localizer returns is to be changed; "" of one in another process, which says so itself."""
+    code = getattr(getattr(type(localizer), "step", None), "__code__", None)
+    is_ours = type(localizer).__module__.startswith("pdrbench.")
+    return (
+        "" if code is None or is_ours else f"; see `step` in {Path(code.co_filename).name}, line {code.co_firstlineno}"
+    )
+
+
 def play(
     localizer: Player,
     episode: Episode,
@@ -388,10 +422,13 @@ def play(
                 answer = localizer.step(observation)
             step_s.append(time.perf_counter() - began)
             episode.submit(answer)
+            episode.check_first_answers(may_wait=hasattr(localizer, "revise"), place=place_of_step(localizer))
     except UnsuitableError as error:
         status, failure = UNSUITABLE, str(error)
         if episode.num_answered:
             status, failure = FAILED, f"it declined after {episode.num_answered} answers, which is too late: {error}"
+    except EstimateError as error:
+        status, failure = FAILED, str(error)
     except Exception:  # noqa: BLE001  a localizer may raise anything, and that is its result
         status, failure = FAILED, traceback.format_exc()
     if status == COMPLETE and not episode.is_prefix:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pdrbench.errors import EstimateError, RecordingError, UnsuitableError, unkn
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics.hold import HOLD_SLACK_S
 from pdrbench.recording import Recording, SensorSpec, SensorStream
+from pdrbench.result import Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
@@ -93,6 +95,40 @@ def test_observe_and_submit_alternate() -> None:
 def test_observing_twice_gives_the_same_rows() -> None:
     episode = make_episode([0.0, 0.1], 1.0)
     assert np.array_equal(episode.observe()["accel"], episode.observe()["accel"])
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (None, "the localizer returned None"),
+        ((1.0, 2.0, 0), "expected an Estimate, got tuple"),
+        (Estimate(np.full(2, np.nan), 0), "is not finite"),
+        (Estimate(np.zeros(3), 0), "xy_m has shape (3,)"),
+        (Estimate(np.zeros(2), 0.5), "0.5 is not a whole number"),  # type: ignore[arg-type]
+        (Estimate(np.array([48e4, 11e4]), 0), "m and more from the start"),
+    ],
+)
+def test_first_answers_that_cannot_be_meant_end_the_walk(answer: Any, why: str) -> None:
+    class Mine:
+        def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+            pass
+
+        def step(self, observation: Observation) -> Any:
+            return answer
+
+    class Revises(Mine):
+        def revise(self) -> None:
+            pass
+
+    def played(localizer: Any) -> Result:
+        return play(localizer, make_episode([0.0], 9.0), np.random.default_rng(1), name="mine", seed=0)
+
+    result = played(Mine())
+    assert result.status == "failed" and len(result.estimates) == 10
+    assert "first 10 answers cannot be meant" in result.failure and why in result.failure
+    assert "step returns pdrbench.Estimate" in result.failure and "test_episode.py, line" in result.failure
+    may_wait = answer is None or why == "is not finite"
+    assert (played(Revises()).status == "complete") == may_wait
 
 
 @pytest.mark.parametrize(

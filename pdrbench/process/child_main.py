@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import psutil  # type: ignore[import-untyped]
 
-from pdrbench.episode import read_estimate, read_track
+from pdrbench.episode import place_of_step, read_estimate, read_track
 from pdrbench.errors import EstimateError, UnsuitableError
 from pdrbench.localizer import Observation
 from pdrbench.process import messages
@@ -98,7 +98,9 @@ class _Host:
             try:
                 return messages.Answer(request.number, read_estimate(answer))
             except EstimateError as error:
-                return messages.Missing(request.number, str(error).partition(":")[0])  # type: ignore[arg-type]
+                reason, _, what = str(error).partition(": ")
+                what = f"{what}{place_of_step(self._localizer)}"[:MAX_TEXT_CHARACTERS]
+                return messages.Missing(request.number, reason, what)  # type: ignore[arg-type]
         except UnsuitableError as error:
             return messages.Failed(request.number, True, str(error)[:MAX_TEXT_CHARACTERS])
         except Exception:  # noqa: BLE001  that is its result

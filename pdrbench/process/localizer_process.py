@@ -12,9 +12,9 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 
 from pdrbench.episode import RESET, REVISE, STEP, EstimateRow
-from pdrbench.errors import PdrbenchError, UnsuitableError, plain_text
+from pdrbench.errors import EstimateError, PdrbenchError, UnsuitableError, plain_text
 from pdrbench.geometry import FloatArray
-from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.localizer import Briefing, Observation
 from pdrbench.process import messages
 from pdrbench.process.budget import CONSTRUCTION, Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 from pdrbench.process.child_process import BEGUN, GRACE_S, EndedError, LateError, LaunchError, Limits
@@ -26,14 +26,6 @@ from pdrbench.trajectory import Trajectory
 
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
 LAST_LOOK: Final = "last look"  # of figures that are lower bounds
-# What a localizer answered in place of an estimate, by the reason under which that counts as missing.
-STAND_INS: Final[Mapping[str, Any]] = {
-    "nothing": None,
-    "type": NotImplemented,
-    "shape": Estimate(np.zeros(0), 0),
-    "nan": Estimate(np.full(2, np.nan), 0),
-    "level": Estimate(np.zeros(2), 0.5),  # type: ignore[arg-type]
-}
 Kind = TypeVar("Kind")
 
 
@@ -132,14 +124,13 @@ class LocalizerProcess:
         self.has_begun = True
         self._ask(RESET, messages.Reset(self._next(), briefing, pack_generator(rng)), messages.Done)
 
-    def step(self, observation: Observation) -> EstimateRow | Estimate:
-        """Answers one observation; in place of an answer that cannot be scored comes one of `STAND_INS`."""
+    def step(self, observation: Observation) -> EstimateRow | EstimateError:
+        """Answers one observation; in place of an answer that cannot be scored comes why."""
         rows: Any = [*map(_TO_BYTES, map(observation.rows.__getitem__, self._sensors))]
         reply: messages.Answer | messages.Missing
         reply = self._ask(STEP, messages.Step(self._next(), observation.now_s, rows), _ANSWERS)
         if isinstance(reply, messages.Missing):
-            stand_in: Estimate = STAND_INS[reply.reason]
-            return stand_in
+            return EstimateError(f"{reply.reason}: {reply.what}")
         return reply.claims
 
     @property

@@ -121,10 +121,11 @@ class Answer(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
 
 
 class Missing(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="missing"):
-    """An answer that cannot be scored, and why."""
+    """An answer that cannot be scored, why in a word, and what it was."""
 
     number: int
     reason: Literal["nothing", "type", "shape", "nan", "level"]
+    what: str
 
 
 class Track(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="track"):

@@ -160,7 +160,8 @@ def phone_in_an_office(folder: Path) -> tuple[Path, Path]:
 
 def test_the_first_line_says_whom_to_believe_and_the_places_may_be_late(command: Any, tmp_path: Path) -> None:
     phone, places = phone_in_an_office(tmp_path)
-    late = np.loadtxt(places, delimiter=",", skiprows=1) + [4.0, 0, 0]
+    late = np.loadtxt(places, delimiter=",", skiprows=1)
+    late[:, 0] += 4.0
     np.savetxt(places, late, fmt="%.3f", delimiter=",", header="t_s,x_m,y_m", comments="")
     options = ("--isolation=none", "--mounting=hand", f"--out={tmp_path / 'out'}")
     done = command("try", phone, f"--truth={places}", "--localizer=dead_reckoning", "--localizer=stay", *options)
@@ -174,11 +175,11 @@ def test_the_first_line_says_whom_to_believe_and_the_places_may_be_late(command:
 
 def test_a_device_that_lay_still_is_said_and_who_fails_is_not_believed(command: Any, tmp_path: Path) -> None:
     t_s = np.arange(0.0, 20.0, 0.02)
-    noise = np.random.default_rng(1).normal(0.0, 0.01, (len(t_s), 6))
-    rows = np.column_stack([t_s, noise + [0, 0, 9.81, 0, 0, 0]])
+    rows = np.column_stack([t_s, np.random.default_rng(1).normal(0.0, 0.01, (len(t_s), 6))])
+    rows[:, 3] += 9.81
     np.savetxt(tmp_path / "still.csv", rows, fmt="%.4f", delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
     (tmp_path / "mine.py").write_text(
-        "class Fails:\n    def reset(self, briefing, rng): pass\n    def step(self, observation): raise RuntimeError('no')\n"
+        "class Fails:\n    def reset(self, briefing, rng): pass\n    def step(self, observation): raise OSError\n"
     )
     fails = f"--localizer={tmp_path / 'mine.py'}:Fails"
     done = command("try", tmp_path / "still.csv", fails, "--isolation=none", f"--out={tmp_path / 'out'}")

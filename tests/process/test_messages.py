@@ -124,7 +124,7 @@ def test_replies_are_taken_for_the_request_they_answer() -> None:
         msgspec.msgpack.encode(["answer", 3, CLAIMS, "more"]),
         msgspec.msgpack.encode(["answer", 3.5, CLAIMS]),
         msgspec.msgpack.encode(["answer", "3", CLAIMS]),
-        msgspec.msgpack.encode(["missing", 3, "mood"]),
+        msgspec.msgpack.encode(["missing", 3, "mood", ""]),
         msgspec.msgpack.encode(["nonsense", 3]),
         msgspec.msgpack.encode({"answer": 3}),
         b"\x93\xa6failed\x03\xc2\xa1\xff",  # text that is no UTF-8

@@ -242,9 +242,9 @@ AT_ONCE_OR_NEXT = (BAD_STEP, BAD_STEP + 1)  # as the one or the other is read fi
 TIMEOUT, DIED, PROTOCOL = "timeout", "process died", "protocol error"
 SAYS: dict[str, Says] = {
     # answers that make no sense, or too much
-    "NotFinite": complete(nan=STEPS),
-    "SaysNothing": complete(nothing=STEPS),
-    "WrongShape": complete(shape=STEPS),
+    "NotFinite": failed("first 10 answers cannot be meant", answered=[10]),
+    "SaysNothing": failed("first 10 answers cannot be meant", answered=[10]),
+    "WrongShape": failed("first 10 answers cannot be meant", answered=[10]),
     "OddTypes": complete(type=1),
     "Extremes": complete(),
     "FutureDated": complete(),
