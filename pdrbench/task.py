@@ -81,6 +81,8 @@ class Task:
             have none. Never given to a localizer.
         folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
             made without its fold. A walk of another split may have one too. Empty: the task has no folds.
+        random_as: Name of the walk whose random numbers a localizer is given, where it is not its own: of two walks
+            that begin alike answers are then alike as well.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
             the secret; None where walks are recorded, not generated: the leaderboards replay them then. See
             `pdrbench.registry.make_task`.
@@ -108,6 +110,7 @@ class Task:
     noise_m: float = 0.01
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
+    random_as: Mapping[str, str] = field(default_factory=dict)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:

@@ -17,6 +17,7 @@ from pdrbench_leaderboard.boards import Board, find_round
 from pdrbench_leaderboard.draw import make_truth, opaque_names
 from pdrbench_leaderboard.record import (
     PartWalks,
+    held,
     is_verified,
     list_entries,
     numbers,
@@ -65,7 +66,8 @@ def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Fi
         try:
             entry = Entry(*read_entry(folder), folder)
             if not is_verified(folder, entry.record):
-                yield Finding(f"{board.name}/{folder.name}", True, "listed, not ranked: no maintainer has played it")
+                why = held(entry.record) or "no maintainer has played it"
+                yield Finding(f"{board.name}/{folder.name}", True, f"listed, not ranked: {why}")
             entries.append(entry)
         except PdrbenchError as error:
             yield Finding(f"{board.name}/{folder.name}", False, str(error))

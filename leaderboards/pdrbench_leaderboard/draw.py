@@ -1,7 +1,8 @@
 """Draw: of the walks of a board, what a localizer may see, and apart from it what only scoring may.
 
 A drawn part is two folders of plain files. `observations` can be played anywhere: it is a task without references,
-whose walks have names that say nothing. `truth` stays with whoever scores. Neither holds the secret.
+whose walks have names that say nothing, canaries among them. `truth` stays with whoever scores. Neither holds the
+secret.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import functools
 import hashlib
 import hmac
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -32,11 +34,14 @@ from pdrbench.result import COMPLETE
 from pdrbench.task import StartKnowledge, Task
 from pdrbench.trajectory import Start, Trajectory
 from pdrbench_leaderboard.boards import BoardEnvironment, Part
+from pdrbench_leaderboard.canaries import Canary, crossed, cut_short, plan
 
 OBSERVATIONS, TRUTH, INDEX_FILE, TASK_FILE = "observations", "truth", "index", "task.py"
+CANARIES_FILE: Final = "canaries"  # beside the truth
 SUFFIX: Final = ".walk"
 LEVEL: Final = 1  # of zlib: a fifth of the time of level 6 for a tenth more bytes
 NAME_DIGITS: Final = 16
+HELD_OUT_PART: Final = "held-out"  # which ranks: only there are canaries
 FREQUENCY_HZ: Final = 1.0  # at most so many scored moments
 # Makes the folder an environment for `evaluate`, as any file with a function is
 TASK_SOURCE: Final = '''"""Walks of a board without their references."""
@@ -72,6 +77,7 @@ class Index(msgspec.Struct, frozen=True):
     period_s: float
     start: StartKnowledge
     walks: dict[str, str]  # sha256 of the file of each, by name
+    random_as: dict[str, str] = {}  # name of the walk whose random numbers a walk has, where they are not its own
 
 
 class Truth(msgspec.Struct, array_like=True, frozen=True):
@@ -88,7 +94,7 @@ class Truth(msgspec.Struct, array_like=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class DrawnPart:
-    """Where the walks of one part of an environment lie."""
+    """Where the walks of one part of an environment lie, in a folder for all parts."""
 
     env: str
     part: Part
@@ -97,17 +103,29 @@ class DrawnPart:
     @property
     def observations(self) -> Path:
         """What a machine needs that plays."""
-        return self.folder / OBSERVATIONS
+        return self.folder / OBSERVATIONS / self.env / self.part
 
     @property
     def truth(self) -> Path:
         """What a machine needs that scores."""
-        return self.folder / TRUTH
+        return self.folder / TRUTH / self.env / self.part
 
     @property
     def index(self) -> Index:
         """What is known of all walks."""
         return read_index(self.observations)
+
+    @property
+    def canaries(self) -> dict[str, Canary]:
+        """By name; raises `ResultError`."""
+        found: dict[str, Canary] = _unpacked(self.truth / CANARIES_FILE, dict[str, Canary])
+        return found
+
+    @property
+    def walks(self) -> list[str]:
+        """Names of those that are scored."""
+        canaries = self.canaries
+        return [name for name in self.index.walks if name not in canaries]
 
 
 def made_by(listed: BoardEnvironment) -> str:
@@ -141,9 +159,10 @@ def draw(
     """
     import joblib
 
-    drawn = DrawnPart(listed.env, part, folder / listed.env / part)
+    drawn = DrawnPart(listed.env, part, folder)
     now = made_by(listed)
-    if (drawn.observations / INDEX_FILE).is_file() and drawn.index.made_by == now:
+    is_there = all(of.is_file() for of in (drawn.observations / INDEX_FILE, drawn.truth / CANARIES_FILE))
+    if is_there and drawn.index.made_by == now:
         return drawn
     task = make_task(listed.env, secret)
     names = opaque_names(listed, part, secret)
@@ -155,7 +174,10 @@ def draw(
         for digest in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
             digests.append(digest)
             advance(COMPLETE, listed.env)
-    walks = dict(sorted(zip(names, digests, strict=True)))  # the order says nothing
+    walks = dict(zip(names, digests, strict=True))
+    canaries = _draw_canaries(task, part, secret, drawn, list(names)) if part == HELD_OUT_PART else {}
+    write_whole(drawn.truth / CANARIES_FILE, _packed(canaries))
+    walks |= {name: _sha256(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
     index = Index(
         env=task.id,
         made_by=now,
@@ -164,13 +186,42 @@ def draw(
         capacity=dict(task.capacity),
         period_s=task.period_s,
         start=task.start,
-        walks=walks,
+        walks=dict(sorted(walks.items())),  # the order says nothing
+        random_as={name: of.of for name, of in canaries.items()},
     )
     content = encoder().encode(index)
     source = TASK_SOURCE.format(sha256=hashlib.sha256(content).hexdigest())
     write_whole(drawn.observations / TASK_FILE, source.encode())
     write_whole(drawn.observations / INDEX_FILE, content)
     return drawn
+
+
+def _draw_canaries(task: Task, part: Part, secret: str, drawn: DrawnPart, names: Sequence[str]) -> dict[str, Canary]:
+    """Writes canaries of walks that lie there, under names like theirs."""
+    key = hmac.new(secret.encode(), f"{task.id}\n{part}\ncanaries".encode(), hashlib.sha256).digest()
+    ends_s = {name: _drawn_walk(drawn, name).end_s for name in names}
+    found = {}
+    for canary in plan(ends_s, task.period_s, np.random.default_rng(np.frombuffer(key, "<u4"))):
+        walk = _drawn_walk(drawn, canary.of)
+        if canary.kind == "cut":
+            rows, end_s = cut_short(walk.rows, canary.since_s), canary.since_s
+        else:
+            rows = crossed(walk.rows, _drawn_walk(drawn, canary.other).rows, canary)
+            end_s = min(walk.end_s, canary.since_s + ends_s[canary.other] - canary.other_s)
+            rows = cut_short(rows, end_s)
+        name = hmac.new(key, f"{canary.kind} {canary.of}".encode(), hashlib.sha256).hexdigest()[:NAME_DIGITS]
+        write_whole(drawn.observations / f"{name}{SUFFIX}", _packed(DrawnWalk(walk.briefing, rows, end_s)))
+        found[name] = canary
+    return found
+
+
+def _drawn_walk(drawn: DrawnPart, name: str) -> DrawnWalk:
+    found: DrawnWalk = _unpacked(drawn.observations / f"{name}{SUFFIX}", DrawnWalk)
+    return found
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str, str]:
@@ -216,7 +267,7 @@ def scored_moments(reference: Trajectory) -> Trajectory:
     return surveyed.rows(keep)
 
 
-def _packed(record: msgspec.Struct) -> bytes:
+def _packed(record: msgspec.Struct | dict[str, Canary]) -> bytes:
     return zlib.compress(encoder().encode(record), LEVEL)
 
 
@@ -224,7 +275,7 @@ def _unpacked(path: Path, kind: Any) -> Any:
     try:
         return decoder(kind).decode(zlib.decompress(path.read_bytes()))
     except (OSError, zlib.error, msgspec.MsgspecError, ValueError) as error:
-        raise ResultError(f"cannot read {path}: {error}; delete {path.parent.parent}, and it is drawn again") from None
+        raise ResultError(f"cannot read {path}: {error}; delete {path.parent}, and it is drawn again") from None
 
 
 def read_truth(drawn: DrawnPart, name: str) -> Truth:
@@ -288,6 +339,7 @@ def _drawn_task(folder: Path, mtime_ns: int) -> Task:
         licence="",
         source="a board",
         files_sha256=lambda name: index.walks[name],
+        random_as=index.random_as,
     )
 
 

@@ -11,7 +11,7 @@ import typer
 
 from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
-from pdrbench.errors import BundleError, ResultError
+from pdrbench.errors import BundleError, ResultError, plain_line
 from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder
 
 if TYPE_CHECKING:
@@ -110,7 +110,9 @@ def run(
                 or f"{len(outcome.played)} played, {len(outcome.kept)} done before, {len(outcome.declined)} declined"
             )
             for name, why in outcome.refused.items():
-                note(f"REFUSED  {name}: {why}")
+                note(plain_line(f"REFUSED  {name}: {why}"))
+            for name, why in outcome.held.items():
+                note(plain_line(f"HELD  {name}: {why}"))
             note(f"{outcome.board}  {outcome.env}, {outcome.part}: {said}")
     if as_json:
         print_json({"parts": rows})

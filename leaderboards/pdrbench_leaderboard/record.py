@@ -20,6 +20,7 @@ from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench_leaderboard.boards import Part, find_round
+from pdrbench_leaderboard.canaries import CanaryRecord
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench_leaderboard.draw import DrawnPart, read_truth, walks_sha256
 from pdrbench_leaderboard.schema import (
@@ -89,6 +90,7 @@ class PartRecord(Record, frozen=True, kw_only=True):
     machine: dict[Name, Remark | int]
     isolation: dict[str, Any]
     divisions: tuple[DivisionRecord, ...]
+    canaries: CanaryRecord | None = None
 
     @property
     def place(self) -> tuple[str, Part]:
@@ -110,7 +112,7 @@ def part_walks(drawn: DrawnPart, round_number: int) -> PartWalks:
     """What is public of drawn walks; units are named by digests."""
     index = drawn.index
     walks = []
-    for name in index.walks:
+    for name in drawn.walks:
         truth = read_truth(drawn, name)
         unit = hashlib.sha256(f"{index.nonce}/{truth.unit}".encode()).hexdigest()[:8]
         walks.append(Walk(name, unit, truth.groups, round(truth.duration_s, 1), len(truth.reference)))
@@ -141,7 +143,11 @@ def write_walks(folder: Path, walks: Mapping[tuple[str, Part], PartWalks]) -> No
 
 
 def part_record(
-    walks: PartWalks, scored: Sequence[ScoredPart], localizer_sha256: str, provenance: Mapping[str, Any]
+    walks: PartWalks,
+    scored: Sequence[ScoredPart],
+    localizer_sha256: str,
+    provenance: Mapping[str, Any],
+    canaries: CanaryRecord | None = None,
 ) -> tuple[PartRecord, bytes]:
     """What is kept of a part in all divisions, and the packed answers.
 
@@ -150,6 +156,7 @@ def part_record(
         scored: Of each division.
         localizer_sha256: Of the code that played.
         provenance: Of one of its results.
+        canaries: What they showed.
     """
     divisions, content = [], b""
     for one in scored:
@@ -175,6 +182,7 @@ def part_record(
         machine=dict(provenance.get("machine", {})),
         isolation=dict(provenance.get("isolation", {})),
         divisions=tuple(divisions),
+        canaries=canaries,
     )
     return record, content
 
@@ -282,7 +290,7 @@ def is_verified(folder: Path, record: EntryRecord) -> bool:
     """
     path = folder / SIGNATURE_FILE
     if not path.is_file():
-        return all(find_round(part.round).secret for part in record.parts)
+        return not held(record) and all(find_round(part.round).secret for part in record.parts)
     keys = read_keys(folder.parents[1])
     body, key = signed_text(read_limited(path, MAX_FILE_BYTES), keys, str(path))
     found = read_json(body.encode(), Verification, str(path))
@@ -292,6 +300,11 @@ def is_verified(folder: Path, record: EntryRecord) -> bool:
     if found.date < key.since:
         raise BundleError(f"{path} is of {found.date}, its key is valid from {key.since}")
     return True
+
+
+def held(record: EntryRecord) -> str:
+    """Why a person has to look at an entry before it ranks, and sign it; empty where none has to."""
+    return next((of.canaries.held for of in record.parts if of.canaries is not None and of.canaries.held), "")
 
 
 def list_entries(root: Path, board: str) -> list[Path]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import msgspec
-import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.cluster import on_cluster
@@ -18,21 +16,23 @@ from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.process.launch import CONFINED, Isolation, find_launcher
 from pdrbench.registry import localizers
-from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.settings import split_name
 from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part, Round, read_secret
 from pdrbench_leaderboard.bundle import SUFFIX
+from pdrbench_leaderboard.canaries import examine, judge
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_of
 from pdrbench_leaderboard.draw import NAME_DIGITS, DrawnPart, draw, made_by
 from pdrbench_leaderboard.folders import Supplies
 from pdrbench_leaderboard.play import play
-from pdrbench_leaderboard.prefixes import check_prefixes
 from pdrbench_leaderboard.record import (
     ENTRY_FILE,
     PartRecord,
     PartWalks,
     answers_of,
     folder_name,
+    held,
+    list_entries,
     part_record,
     part_walks,
     read_answers,
@@ -49,7 +49,6 @@ from pdrbench_leaderboard.submission import find_card, unpack_bundle
 DISTRIBUTION: Final = "pdrbench"  # whose localizers are entries of every board that they suit
 ANSWERS: Final = "answers"  # below the folder of a round
 SENT: Final = "sent"  # likewise: bundles, unpacked
-CANARIES: Final = 0.05  # fraction of walks of which beginnings are played again
 SOURCE_FILE, SOURCE_FOLDER = "localizer.py", "localizer"  # that lie with an entry
 SOURCE_CLASS: Final = "Localizer"  # of such a file, where no record says another
 
@@ -148,6 +147,7 @@ class Outcome:
     kept: tuple[str, ...] = ()  # entries that were done already
     declined: tuple[str, ...] = ()  # localizers that it suits on no walk
     refused: Mapping[str, str] = field(default_factory=dict)  # why, by entry
+    held: Mapping[str, str] = field(default_factory=dict)  # why a person has to look at it, by entry
     why: str = ""  # why it was left out
 
 
@@ -236,34 +236,64 @@ def _run_part(
     if not listed.has_data:
         return Outcome(board.name, listed.env, part, why="its recorded data is not found, see `pdrbench data`")
     folder = settings.root / board.name
-    walks = read_walks(folder)
-    known = walks.get((listed.env, part))
+    known = read_walks(folder).get((listed.env, part))
     todo = [one for one in wanted if not _is_done(folder, one, known, (settings.round.number, made_by(listed)))]
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
         return Outcome(board.name, listed.env, part, kept=kept)
     drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
-    now = part_walks(drawn, settings.round.number)
-    results = _play(drawn, todo, settings)
+    return _enter_all(board.name, drawn, todo, _play(drawn, todo, settings), settings, kept)
+
+
+def _enter_all(
+    board: str,
+    drawn: DrawnPart,
+    todo: Sequence[Entrant],
+    results: Sequence[Result],
+    settings: Settings,
+    kept: tuple[str, ...] = (),
+) -> Outcome:
+    """Scores what was played, and writes entries."""
+    folder = settings.root / board
+    walks, place = read_walks(folder), (drawn.env, drawn.part)
+    known, now = walks.get(place), part_walks(drawn, settings.round.number)
     scored = score_part(drawn, results, jobs=settings.jobs)
     played, declined = [], {} if known is None or known.sha256 != now.sha256 else dict(known.declined)
     refused: dict[str, str] = {}
+    waiting: dict[str, str] = {}
+    canaries = drawn.canaries
     for one in todo:
         of = [result for result in results if result.localizer == one.spec]
         if all(result.status == UNSUITABLE for result in of):
             declined[one.card.name] = one.sha256
             continue
-        if found := _future(one, of, settings):
-            refused[one.card.name] = found
+        found = examine(canaries, of)
+        if found.future and not one.is_registered:
+            refused[one.card.name] = found.future
             continue
+        shown = found.record
+        if not one.is_registered:
+            shown = judge(shown, _responses(folder, place))
+            waiting |= {one.card.name: shown.held} if shown.held else {}
         parts = [scored[one.spec, division] for division in (ONLINE, OFFLINE) if (one.spec, division) in scored]
         first = next(result for result in of if result.status != UNSUITABLE)
-        _enter(one, board.name, settings, part_record(now, parts, one.sha256, first.provenance))
+        _enter(one, board, settings, part_record(now, parts, one.sha256, first.provenance, shown))
         played.append(one.card.name)
     now = msgspec.structs.replace(now, declined=declined)
-    write_walks(folder, walks | {(listed.env, part): now})
+    write_walks(folder, walks | {place: now})
     out = tuple(one.card.name for one in todo if one.card.name in declined)
-    return Outcome(board.name, listed.env, part, tuple(played), kept, out, refused)
+    return Outcome(board, drawn.env, drawn.part, tuple(played), kept, out, refused, waiting)
+
+
+def _responses(folder: Path, place: tuple[str, Part]) -> list[float]:
+    """How far answers of registered entries moved on crossed walks of a part, in their own paths."""
+    found = []
+    for entry in list_entries(folder.parent, folder.name):
+        record, _ = read_entry(entry)
+        if split_name(record.spec)[0] in localizers():
+            shown = [of.canaries for of in record.parts if of.place == place and of.canaries is not None]
+            found += [of.response for of in shown if of.response is not None]
+    return found
 
 
 def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRecord, bytes]) -> None:
@@ -278,7 +308,8 @@ def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRec
     write_entry(settings.root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
     if source is not None:
         write_whole(folder / SOURCE_FILE, source)
-    if settings.key is not None:
+    record, _ = read_entry(folder)
+    if settings.key is not None and not held(record):
         sign_entry(folder, settings.key)
 
 
@@ -313,18 +344,3 @@ def _play(drawn: DrawnPart, todo: Sequence[Entrant], settings: Settings) -> tupl
                 drawn.observations, specs, answers, jobs=jobs, isolation=isolation, progress=settings.progress
             )
     return tuple(found)
-
-
-def _future(entrant: Entrant, results: Sequence[Result], settings: Settings) -> str:
-    """What shows that answers depend on what comes later, by beginnings of some walks; empty where nothing does."""
-    isolation = settings.isolation_of(entrant)
-    played = [result for result in results if result.status == COMPLETE and result.division == ONLINE]
-    if entrant.is_registered or isolation == "none" or not played:
-        return ""
-    rng = np.random.default_rng()  # no localizer knows which
-    chosen = rng.choice(len(played), math.ceil(len(played) * CANARIES), replace=False)
-    for place in chosen.tolist():
-        found = check_prefixes(played[place], rng, isolation=isolation)
-        if found.difference is not None:
-            return f"a walk that was cut short was answered otherwise: {found.difference}"
-    return ""

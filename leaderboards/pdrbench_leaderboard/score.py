@@ -77,9 +77,10 @@ def score_part(drawn: DrawnPart, results: Sequence[Result], *, jobs: int = 1) ->
     """
     import joblib
 
-    by_walk: dict[str, list[Result]] = {name: [] for name in drawn.index.walks}
+    by_walk: dict[str, list[Result]] = {name: [] for name in drawn.walks}
     for result in results:
-        by_walk[result.walk].append(result)
+        if result.walk in by_walk:  # canaries have no truth
+            by_walk[result.walk].append(result)
     tasks = (joblib.delayed(_score_walk)(drawn, name, of) for name, of in by_walk.items())
     scored = joblib.Parallel(n_jobs=jobs)(tasks)
     found: dict[tuple[str, str], list[tuple[Result, _ScoredWalk]]] = {}
@@ -136,7 +137,7 @@ def packed_values(drawn: DrawnPart, content: bytes) -> dict[str, FloatArray]:
     whole, _ = answers.decode(content, drawn.env)
     found: dict[str, list[float]] = {}
     first = 0
-    for name in drawn.index.walks:
+    for name in drawn.walks:
         truth = read_truth(drawn, name)
         last = first + len(truth.reference)
         estimates = answers.from_whole_numbers(whole[:, first:last], truth.reference.t_s, answers.COARSE)

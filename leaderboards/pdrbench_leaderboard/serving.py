@@ -24,6 +24,6 @@ class SiteHandler(SimpleHTTPRequestHandler):
             return None
         return super().send_head()
 
-    def list_directory(self, path: object) -> None:  # type: ignore[override]
+    def list_directory(self, path: object) -> None:
         """Names of files are not listed."""
         self.send_error(HTTPStatus.NOT_FOUND)

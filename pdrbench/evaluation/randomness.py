@@ -45,7 +45,7 @@ def generator(seed: int, task: Task, walk: str, nonce: str = "") -> np.random.Ge
     With a nonce its seed sequence, from which children are spawned, is a digest and names none of them. Without one
     there is nothing to hide, since whoever knows the names of walks can compute all numbers of their generators.
     """
-    words = "\n".join((task.id, walk, *([nonce] if nonce else [])))
+    words = "\n".join((task.id, task.random_as.get(walk, walk), *([nonce] if nonce else [])))
     digest = hashlib.sha256(words.encode()).digest()
     seeds = np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()])
     if nonce:

@@ -177,7 +177,9 @@ class Results:
     def to_csv(self, path: Path | str | None = None) -> str:
         """`frame` as CSV; also written to `path` where one is given."""
         frame = self.frame()
-        texts = {name: frame[name].map(plain_cell) for name in frame if isinstance(frame[name].iloc[:1].max(), str)}
+        texts = {
+            str(name): frame[name].map(plain_cell) for name in frame if isinstance(frame[name].iloc[:1].max(), str)
+        }
         return _written(str(frame.assign(**texts).to_csv(index=False)), path)
 
     def to_json(self, path: Path | str | None = None) -> str:

@@ -23,7 +23,7 @@ from pdrbench.evaluation.origin import (
 )
 from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.process.budget import Budget
-from pdrbench.process.launch import Isolation, find_launcher
+from pdrbench.process.launch import CONFINED, Isolation, find_launcher
 from pdrbench.registry import make_task, task_place
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
@@ -126,7 +126,8 @@ def plan_walks(
                             **ingredients,
                             name=name,
                             key=key,
-                            group=(env, walk),  # jobs on one walk share the recording
+                            # Jobs on one walk share the recording; strangers' begin in an order of chance, one by one
+                            group=(env, walk, name) if isolation == CONFINED else (env, walk),
                             family=name,  # a localizer that crashes has a process of its own anyway
                             max_deaths=MAX_DEATHS,
                             task=place or env,

@@ -43,7 +43,7 @@ def test_the_secret_of_a_round_is_the_one_that_was_committed_to() -> None:
 def test_drawn_walks_hold_neither_truth_nor_names(tmp_path: Path) -> None:
     drawn = draw(TOY.environment(ENV), "held-out", SECRET, tmp_path)
     secret_task, task = make_task(ENV, SECRET), drawn_task(drawn.observations)
-    names = task.split("test")
+    names = drawn.walks
     assert set(names).isdisjoint(secret_task.split(HELD_OUT))
     for name in names:
         truth = read_truth(drawn, name)
