@@ -6,6 +6,7 @@ localizer agree. What is played is said by the id of the environment and the ver
 
 from __future__ import annotations
 
+import ast
 import functools
 import importlib.metadata
 import importlib.util
@@ -13,7 +14,7 @@ import os
 import platform
 from pathlib import Path
 
-from pdrbench.errors import PluginError
+from pdrbench.errors import PluginError, unknown_name
 from pdrbench.files import bytes_sha256
 from pdrbench.localizer_folder import find_target, installed_sha256, list_files, parse_target, read_settings
 from pdrbench.registry import environments, localizer_entry, localizers, task_place
@@ -57,7 +58,26 @@ def target_sha256(target: str) -> str:
         return package_sha256(place.partition(".")[0])
     if not Path(place).is_file():
         raise PluginError(f"no file {place}; a localizer is an id, package.module:Class or path/to/file.py:Class")
+    _check_defined(Path(place), target.rpartition(":")[2])
     return bytes_sha256([Path(place)])
+
+
+def _check_defined(path: Path, attribute: str) -> None:
+    """Raises `PluginError` where a file, which is not run, plainly has no such class."""
+    try:
+        lines = ast.parse(path.read_bytes()).body
+    except (SyntaxError, ValueError):  # whoever loads it says what is wrong
+        return
+    names = [line.name for line in lines if isinstance(line, (ast.ClassDef, ast.FunctionDef))]
+    if all(isinstance(line, (ast.ClassDef, ast.FunctionDef, ast.Expr, ast.Import, ast.ImportFrom)) for line in lines):
+        imported = [
+            of.asname or of.name
+            for line in lines
+            if isinstance(line, (ast.Import, ast.ImportFrom))
+            for of in line.names
+        ]
+        if attribute not in names and attribute not in imported and "*" not in imported:
+            raise PluginError(f"{path} defines no {attribute!r}: {unknown_name('class', attribute, names)}")
 
 
 def package_sha256(name: str) -> str:

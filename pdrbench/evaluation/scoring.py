@@ -61,8 +61,12 @@ def score(result: Result) -> dict[str, float]:
     A walk that failed is scored with what was answered before; a walk that was declined has no scores.
 
     Raises:
-        ResultError: The environment is not the one that the result was made on.
+        ResultError: The environment is not the one that the result was made on, or it is no result.
     """
+    if not isinstance(result, Result):
+        raise ResultError(
+            f"expected a Result, got {type(result).__name__}: an environment gives info['result'] at the end"
+        )
     return score_group([result])[0].scores
 
 

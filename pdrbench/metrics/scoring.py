@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import math
+import warnings
 from collections.abc import Collection, Mapping
 
 from pdrbench.building import Building
@@ -59,7 +61,15 @@ def score(
     scores = {}
     for name in METRICS if names is None else names:
         metric = METRICS[name]
-        module, _, function = metric.target.partition(":")
-        compute = getattr(importlib.import_module(module), function)
-        scores[name] = float(compute(*(inputs[taken] for taken in metric.takes), **metric.constants))
+        try:
+            module, _, function = metric.target.partition(":")
+            compute = getattr(importlib.import_module(module), function)
+            scores[name] = float(compute(*(inputs[taken] for taken in metric.takes), **metric.constants))
+        except Exception as error:  # a stranger's metric may raise anything: the walk has its other scores
+            if metric.target.startswith("pdrbench."):
+                raise
+            called = ", ".join((*metric.takes, *metric.constants))
+            what = f"metric {name!r} has no value: {metric.target}({called}) raised {type(error).__name__}: {error}"
+            warnings.warn(what, stacklevel=2)
+            scores[name] = math.nan
     return scores

@@ -153,7 +153,7 @@ def test_inspect_lists_what_is_wrong_and_convert_refuses_it(command: Any, tmp_pa
     rows = "".join(f"{k * 10},0.01,0.02,{0.99 + k % 3 / 100},{k % 7 / 10},0.1,0.2\n" for k in range(300))
     (tmp_path / "walk.csv").write_text(f"time_ms,acc_x (m/s^2),acc_y,acc_z,gyro_x (rad/s),gyro_y,gyro_z\n{rows}")
     shown = command("inspect", tmp_path / "walk.csv")
-    assert shown.code == 0
+    assert shown.code == 1 and "not to be played as it is: accel-unit" in shown.err
     assert "error (accel-unit): accel: " in shown.out
     assert 'accel_unit = "m/s^2"' in shown.out
     refused = command("convert", tmp_path / "walk.csv", tmp_path / "walk")

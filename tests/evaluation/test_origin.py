@@ -55,3 +55,12 @@ def test_an_environment_is_its_package_and_version_a_file_its_bytes(tmp_path: Pa
     file.write_text("x = 2")
     os.utime(file, (0, 0))
     assert environment_version(f"{file}:task") != before
+
+
+def test_a_class_that_a_file_does_not_define_is_known_without_running_it(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import os\nclass Mine: pass\n")
+    assert len(target_sha256(f"{tmp_path / 'mine.py'}:Mine")) == 64
+    with pytest.raises(PluginError, match=r"defines no 'Mnie': .*did you mean 'Mine'"):
+        target_sha256(f"{tmp_path / 'mine.py'}:Mnie")
+    (tmp_path / "mine.py").write_text("from os.path import *\nMade = make('Mine')\n")
+    assert len(target_sha256(f"{tmp_path / 'mine.py'}:Made")) == 64

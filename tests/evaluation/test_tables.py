@@ -239,6 +239,8 @@ def test_score_refuses_a_result_of_other_data(results: Results) -> None:
         plain = {name: getattr(results.results[0], name) for name in Result.__slots__}
         return Result(**(plain | fields))  # type: ignore[arg-type]
 
+    with pytest.raises(ResultError, match="expected a Result, got NoneType"):
+        score(None)  # type: ignore[arg-type]
     with pytest.raises(ResultError, match="not comparable"):
         score(changed(provenance={"files_sha256": "0" * 64}))
     with pytest.raises(ResultError, match="of the test split"):

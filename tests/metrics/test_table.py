@@ -117,3 +117,15 @@ def test_score_of_nothing_surveyed_is_nan() -> None:
     unscored = Trajectory(reference.t_s, reference.xy_m, reference.level, np.zeros(120, bool))
     scores = score(estimates, unscored, None, Start(xy_m=np.zeros(2), level=0), period_s=1.0)
     assert {name for name, value in scores.items() if not math.isnan(value)} == {"n"}
+
+
+def test_a_strangers_metric_that_raises_leaves_the_walk_its_other_scores(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pdrbench.metrics import scoring
+
+    broken = Metric("within_door_m", "m", "lower", "position", "Mine.", "math:hypot", takes=("held",))
+    monkeypatch.setattr(scoring, "METRICS", {"mean_m": METRICS["mean_m"], "within_door_m": broken})
+    still = Trajectory([0.0, 1.0], [[0, 0], [3, 4]], [0, 0], [False, True])
+    answers = Estimates.from_columns(np.array([0.0]), np.array([[0.0], [0.0], [0.0], [np.nan], [np.nan], [np.nan]]))
+    with pytest.warns(UserWarning, match=r"'within_door_m' has no value: math:hypot\(held\) raised TypeError"):
+        scores = scoring.score(answers, still, None, Start(np.zeros(2), 0))
+    assert scores["mean_m"] == pytest.approx(5.0) and np.isnan(scores["within_door_m"])

@@ -12,6 +12,7 @@ import numpy as np
 import typer
 
 from pdrbench.building import Building
+from pdrbench.cli.options import exit_on
 from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes, say
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
@@ -39,7 +40,7 @@ def inspect(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Print what a file holds: format, sensors, rates, what is wrong with them, what was left out, levels, answers."""
+    """Print what a file holds, what was left out, and what is wrong; exit 1 where that is an error."""
     with answer_only(as_json):
         kind, content = read_thing(file, TABLE if columns is not None else kind, strict=False, columns=columns)
         facts = {"path": str(file), "format": kind, **describe(content)}
@@ -47,10 +48,14 @@ def inspect(
             with unpacked(file) as table:
                 hint = READERS[TABLE].hint
                 facts["column map"] = hint(table) if hint is not None else ""
+    findings = facts.get("findings", [])
+    errors = [finding["code"] for finding in findings if finding["severity"] == "error"]
+    failed = [f"not to be played as it is: {', '.join(errors)}"] if errors else []
     if as_json:
         print_json(facts)
+        exit_on(failed)
         return
-    findings = facts.pop("findings", [])
+    facts.pop("findings", None)
     column_map = facts.pop("column map", "")
     for name, value in facts.items():
         if isinstance(value, Mapping):
@@ -65,6 +70,7 @@ def inspect(
         say("{severity} ({code}): {where}: {seen}; {remedy}".format(**finding))
     if column_map:
         say(f"\ncolumn map, to be kept in a file for --columns:\n\n{column_map}")
+    exit_on(failed)
 
 
 def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Path | None = None) -> tuple[str, object]:

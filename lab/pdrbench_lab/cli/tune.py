@@ -53,11 +53,11 @@ def tune(
     """Choose parameters of a localizer on folds of the train split; the left-out figure is what to report."""
     with answer_only(as_json):
         from pdrbench.evaluation.number_text import decimals
-        from pdrbench_lab.reproduce.tune import grid
+        from pdrbench_lab.reproduce.tune import check_parameters, grid
         from pdrbench_lab.reproduce.tune import tune as choose
 
         candidates = grid(dict(map(_values, param)), most)
-        check_localizer_exists(localizer, isolation)
+        check_parameters(check_localizer_exists(localizer, isolation), candidates[0], localizer)
         found = choose(
             localizer,
             ready_environment(env, "train"),

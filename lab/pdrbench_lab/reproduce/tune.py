@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,10 +14,12 @@ import numpy as np
 from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation.sweep import evaluate
 from pdrbench.evaluation.tables import Results
+from pdrbench.evaluation.wording import last_line
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import mean_interval
 from pdrbench.registry import make_task
+from pdrbench.settings import default_params
 from pdrbench.task import Task
 
 SPLIT: Final = "train"
@@ -120,6 +123,20 @@ def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+def check_parameters(make: type | None, candidate: Parameters, who: str) -> None:
+    """Raises `UnknownNameError` for a name that the class does not have; None is a class that is not loaded here."""
+    if make is None:
+        return
+    takes = inspect.signature(make).parameters
+    if not any(argument.kind is argument.VAR_KEYWORD for argument in takes.values()):
+        for name in candidate.keys() - takes.keys():
+            raise unknown_name(f"parameter of {who}", name, takes)
+    fields = getattr(default_params(make), "__dataclass_fields__", {})
+    for name in candidate.get("params", {}) if fields else ():
+        if name not in fields:
+            raise unknown_name(f"parameter of {who}", name, fields)
+
+
 def tune(
     localizer: str,
     env: str,
@@ -158,13 +175,17 @@ def tune(
     rows = []
     for candidate in candidates:
         advance(candidate)
-        frame = evaluate(localizer, env, split=SPLIT, parameters=candidate, **options).walks()
+        played = evaluate(localizer, env, split=SPLIT, parameters=candidate, **options)
+        frame = played.walks()
         rows.append(frame.groupby("walk")[metric].mean().reindex(walks).to_numpy(np.float64))
     values = np.array(rows).reshape(len(candidates), len(walks))
     chosen = tuple(_best(sign * values[:, fold != k]) for k in range(folds))
     final = _best(sign * values)
     if final < 0:
-        raise PdrbenchError(f"{localizer} has no {metric} on the {SPLIT} split of {env} with any of the parameters")
+        why = next((f": {last_line(r.failure)}" for r in played.results if r.failure), "")
+        raise PdrbenchError(
+            f"{localizer} has no {metric} on the {SPLIT} split of {env} with any of the parameters{why}"
+        )
     left_out = np.array([values[chosen[k], w] if chosen[k] >= 0 else math.nan for w, k in enumerate(fold)])
     units = frame.drop_duplicates("walk").set_index("walk")["unit"].reindex(walks)
     low, high = map(float, mean_interval(left_out, units.tolist(), scale=METRICS[metric].scale))

@@ -45,3 +45,5 @@ def test_what_is_no_setting_is_one_line(command: Any) -> None:
     outcome = command("tune", "stay", *ENV, "--param", "x_m")
     assert outcome.code == 1 and "--param is NAME=VALUE" in outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
+    outcome = command("tune", "learned", *ENV, "--param", "parms=1")
+    assert outcome.code == 1 and "no parameter of learned named 'parms'; did you mean 'params'?" in outcome.err
