@@ -71,7 +71,7 @@ def plain_line(text: str) -> str:
     >>> plain_line("no idea\\npdrbench: all passed")
     'no idea pdrbench: all passed'
     """
-    return plain_text(" ".join(text.split()))
+    return plain_text(" ".join(text.splitlines())).replace("\t", " ").replace("\n", " ").strip()
 
 
 def plain_cell(text: str) -> str:

@@ -1,14 +1,30 @@
-"""Play: localizers on drawn walks. Nothing here knows a secret or a reference; any machine can do it."""
+"""Play: localizers on drawn walks. Nothing here knows a secret or a reference; any machine can do it.
+
+What another machine has played is read as what a stranger sends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
-from pdrbench.evaluation import evaluate
+import msgspec
+import numpy as np
+
+from pdrbench.errors import BundleError, ResultError, plain_line
+from pdrbench.evaluation import evaluate, store
 from pdrbench.process.launch import Isolation
-from pdrbench.result import Result
-from pdrbench_leaderboard.draw import TASK_FILE, read_index
+from pdrbench.result import ONLINE, Result, by_division
+from pdrbench_leaderboard.draw import INDEX_FILE, TASK_FILE, Index, read_index
+from pdrbench_leaderboard.schema import Name, Remark, read_limited
+
+MAX_RESULT_BYTES: Final = 64_000_000
+# What a file that no run has written may cause
+UNREADABLE: Final = (
+    *(ResultError, ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError, MemoryError),
+)
+CLOCK_S: Final = 1e-6  # difference of a time that went through a file
 
 
 def play(
@@ -46,3 +62,52 @@ def play(
         nonce=index.nonce,
         progress=progress,
     ).results
+
+
+def find_parts(observations: Path) -> list[Path]:
+    """Folders of drawn walks in the folder that `draw` has made for the machine that plays; raises `ResultError`."""
+    found = sorted(path.parent for path in observations.glob(f"*/*/{INDEX_FILE}"))
+    if not found:
+        raise ResultError(f"{observations} holds no drawn walks: `pdrbench leaderboard draw` makes them")
+    return found
+
+
+def answers_folder(answers: Path, part: Path) -> Path:
+    """Where answers to the walks of a part lie: as their observations do."""
+    return answers / part.parent.name / part.name
+
+
+def read_played(folder: Path, observations: Path) -> tuple[Result, ...]:
+    """What another machine has played on drawn walks, in each division; its files may hold anything.
+
+    Args:
+        folder: With a file for each walk.
+        observations: Folder of the walks.
+
+    Raises:
+        BundleError: A file is no answer to one of these walks, or there are two to one.
+    """
+    index, found = read_index(observations), dict[tuple[str, str], Result]()
+    for path in sorted(folder.glob(f"*{store.SUFFIX}")):
+        content = read_limited(path, MAX_RESULT_BYTES)
+        try:
+            result = store.decode(content, path.name)
+            _check(result, index)
+        except UNREADABLE as error:
+            why = plain_line(f"{type(error).__name__}: {error}")[:300]
+            raise BundleError(f"{path} holds no answers to these walks: {why}") from None
+        if found.setdefault((result.localizer, result.walk), result) is not result:
+            raise BundleError(f"{path} answers the walk {result.walk} a second time")
+    return tuple(by_division(list(found.values())))
+
+
+def _check(result: Result, index: Index) -> None:
+    """Raises `ResultError` where answers are not those of one run on a drawn walk; nobody chooses their times."""
+    if (result.env, result.division, result.seed) != (index.env, ONLINE, 0) or result.walk not in index.walks:
+        raise ResultError(f"walk {result.walk!r} of {result.env!r} was not drawn")
+    observed_s = np.arange(len(result.estimates)) * index.period_s
+    if not np.allclose(result.estimates.t_s, observed_s, rtol=0.0, atol=CLOCK_S):
+        raise ResultError("answers are not at the times of observations")
+    for name in ("versions", "machine"):
+        msgspec.convert(result.provenance[name], dict[Name, Remark | int])
+    msgspec.convert(result.provenance["isolation"], dict[str, str | list[str] | dict[str, str]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +25,7 @@ from pdrbench_leaderboard.canaries import examine, judge
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_of
 from pdrbench_leaderboard.draw import NAME_DIGITS, DrawnPart, draw, made_by
 from pdrbench_leaderboard.folders import Supplies
-from pdrbench_leaderboard.play import play
+from pdrbench_leaderboard.play import answers_folder, play, read_played
 from pdrbench_leaderboard.record import (
     ENTRY_FILE,
     PartRecord,
@@ -48,6 +49,7 @@ from pdrbench_leaderboard.submission import find_card, unpack_bundle
 
 DISTRIBUTION: Final = "pdrbench"  # whose localizers are entries of every board that they suit
 ANSWERS: Final = "answers"  # below the folder of a round
+CONFINED_MODE: Final = "landlock+namespaces+seccomp"  # of a localizer that was confined
 SENT: Final = "sent"  # likewise: bundles, unpacked
 SOURCE_FILE, SOURCE_FOLDER = "localizer.py", "localizer"  # that lie with an entry
 SOURCE_CLASS: Final = "Localizer"  # of such a file, where no record says another
@@ -114,6 +116,11 @@ class Settings:
     key: Path | None = None
     progress: bool = False
 
+    @property
+    def secret_text(self) -> str:
+        """What is behind held-out walks, read now; raises `BundleError`."""
+        return self.round.secret_of(None if self.secret is None else read_secret(self.secret))
+
     def isolation_of(self, entrant: Entrant) -> Isolation:
         """What an entry runs in."""
         return self.isolation or ("process" if entrant.is_registered else CONFINED)
@@ -164,7 +171,7 @@ def entrants(board: str, root: Path, named: Sequence[str] = (), card: Path | Non
         BundleError: One has no card.
     """
     if named:
-        return [Entrant(_absolute(spec), find_card(spec, card)) for spec in named]
+        return [Entrant(absolute(spec), find_card(spec, card)) for spec in named]
     ours = [name for name, entry in localizers().items() if entry.package == DISTRIBUTION]
     found = [Entrant(name, card_of(name)) for name in sorted(ours)]
     for path in sorted((root / board).glob(f"*/{CARD_FILE}")):
@@ -186,7 +193,8 @@ def _spec_of(folder: Path) -> str:
     return spec
 
 
-def _absolute(spec: str) -> str:
+def absolute(spec: str) -> str:
+    """A localizer as every working folder knows it."""
     place, colon, rest = spec.partition(":")
     is_path = spec not in localizers() and (place.endswith(".py") or Path(place).is_dir())
     return f"{Path(place).absolute()}{colon}{rest}" if is_path else spec
@@ -207,11 +215,7 @@ def run(
         BundleError: A bundle breaks a rule, a card is missing, or code that is not registered would run unconfined
             beside a secret.
     """
-    bundles = [Path(spec) for spec in named if spec.endswith(SUFFIX)]
-    sent = []
-    for path in bundles:
-        place = settings.work / SENT / hashlib.sha256(path.read_bytes()).hexdigest()[:NAME_DIGITS]
-        sent.append(Entrant(*unpack_bundle(path, place, settings.supplies)))
+    sent = [unpacked(spec, settings) for spec in named if spec.endswith(SUFFIX)]
     others = [spec for spec in named if not spec.endswith(SUFFIX)]
     wanted_on = {
         board.name: [*sent, *(entrants(board.name, settings.root, others, card) if others or not sent else ())]
@@ -220,7 +224,7 @@ def run(
     settings.check([one for wanted in wanted_on.values() for one in wanted])
     if settings.key is not None:
         check_listed(settings.key, settings.root)
-    secret = settings.round.secret_of(None if settings.secret is None else read_secret(settings.secret))
+    secret = settings.secret_text
     for board in boards:
         wanted = wanted_on[board.name]
         for each in board.environments:
@@ -228,6 +232,58 @@ def run(
             for part in listed.parts:
                 if part in settings.parts:
                     yield _run_part(board, listed, part, wanted, settings, secret)
+
+
+def draw_all(boards: Sequence[Board], settings: Settings) -> Iterator[DrawnPart]:
+    """Draws the walks of boards, as the first of three steps: nothing is played. Raises `BundleError`."""
+    secret = settings.secret_text
+    for listed in {each.env: each for board in boards for each in board.environments}.values():
+        for part in listed.parts if listed.has_data else ():
+            if part in settings.parts:
+                few = listed.first(settings.walks)
+                yield draw(few, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
+
+
+def unpacked(spec: str, settings: Settings, card: Path | None = None) -> Entrant:
+    """A localizer or a bundle, and its card; raises `BundleError`."""
+    if not spec.endswith(SUFFIX):
+        return Entrant(absolute(spec), find_card(spec, card))
+    place = settings.work / SENT / hashlib.sha256(Path(spec).read_bytes()).hexdigest()[:NAME_DIGITS]
+    return Entrant(*unpack_bundle(Path(spec), place, settings.supplies))
+
+
+def score_all(boards: Sequence[Board], entrant: Entrant, answers: Path, settings: Settings) -> Iterator[Outcome]:
+    """Scores what another machine has played, as the last of three steps; nothing of the localizer is run.
+
+    Args:
+        boards: Whose entries are written.
+        entrant: Whose answers they are.
+        answers: Folder that `leaderboard play` has written.
+        settings: How; `work` holds what was drawn.
+
+    Raises:
+        BundleError: The answers are no answers to these walks, or nobody knows whose they are.
+    """
+    if settings.key is not None:
+        check_listed(settings.key, settings.root)
+    for board in boards:
+        for listed in board.environments:
+            for part in settings.parts:
+                drawn = DrawnPart(listed.env, part, settings.work)
+                folder = answers_folder(answers, drawn.observations)
+                if folder.is_dir() and drawn.observations.is_dir():
+                    results = _as_played_by(entrant, read_played(folder, drawn.observations))
+                    yield _enter_all(board.name, drawn, [entrant], results, settings, was_elsewhere=True)
+
+
+def _as_played_by(entrant: Entrant, results: Sequence[Result]) -> list[Result]:
+    """Results of an entry: of its id, or of the only localizer that is there, whatever its folder was called."""
+    names = {result.localizer for result in results}
+    if entrant.spec in names:
+        return [result for result in results if result.localizer == entrant.spec]
+    if entrant.is_registered or len(names) != 1:
+        raise BundleError(f"there are answers of {len(names)} localizers, and none is {entrant.card.name}")
+    return [dataclasses.replace(result, localizer=entrant.spec) for result in results]
 
 
 def _run_part(
@@ -252,6 +308,8 @@ def _enter_all(
     results: Sequence[Result],
     settings: Settings,
     kept: tuple[str, ...] = (),
+    *,
+    was_elsewhere: bool = False,
 ) -> Outcome:
     """Scores what was played, and writes entries."""
     folder = settings.root / board
@@ -274,6 +332,8 @@ def _enter_all(
         shown = found.record
         if not one.is_registered:
             shown = judge(shown, _responses(folder, place))
+            if was_elsewhere and not shown.held:
+                shown = msgspec.structs.replace(shown, held=_unconfined(of))
             waiting |= {one.card.name: shown.held} if shown.held else {}
         parts = [scored[one.spec, division] for division in (ONLINE, OFFLINE) if (one.spec, division) in scored]
         first = next(result for result in of if result.status != UNSUITABLE)
@@ -283,6 +343,14 @@ def _enter_all(
     write_walks(folder, walks | {place: now})
     out = tuple(one.card.name for one in todo if one.card.name in declined)
     return Outcome(board, drawn.env, drawn.part, tuple(played), kept, out, refused, waiting)
+
+
+def _unconfined(results: Sequence[Result]) -> str:
+    """Why a person looks at what another machine has played: it says itself that it did not confine the localizer."""
+    modes = {str(dict(result.provenance["isolation"]).get("mode")) for result in results}  # type: ignore[call-overload]
+    if modes == {CONFINED_MODE}:
+        return ""
+    return f"it was played as {', '.join(sorted(modes))}, so that it could read walks to come: a person looks at it"
 
 
 def _responses(folder: Path, place: tuple[str, Part]) -> list[float]:

@@ -82,4 +82,6 @@ def read_toml(content: bytes, kind: type[Read], what: str) -> Read:
 
 
 def _reason(error: Exception) -> str:
-    return "is nested too deeply" if isinstance(error, RecursionError) else plain_line(str(error))[:300]
+    if isinstance(error, RecursionError):
+        return "is nested too deeply"
+    return plain_line(" ".join(str(error).split()))[:300]
