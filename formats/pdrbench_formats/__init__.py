@@ -9,6 +9,7 @@ COMMANDS: Final = {
     "inspect": "pdrbench_formats.commands.inspect:inspect",
     "convert": "pdrbench_formats.commands.convert:convert",
     "try": "pdrbench_formats.commands.try_:try_",
+    "score": "pdrbench_formats.commands.score:score",
     "map": "pdrbench_formats.commands.map:app",
     "replay": "pdrbench_formats.commands.replay:replay",
 }
