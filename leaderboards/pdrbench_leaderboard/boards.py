@@ -16,6 +16,7 @@ from pdrbench.errors import BundleError, unknown_name
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard.replays import num_replays
+from pdrbench_leaderboard.rounds import round_secret
 from pdrbench_leaderboard.schema import Line, Name, Record, Sha256
 
 BOARDS_FILE: Final = "boards.toml"
@@ -102,11 +103,13 @@ class Round(Record, frozen=True, kw_only=True):
         return commitment(self.secret) if self.secret else str(self.commitment)
 
     def secret_of(self, given: str | None) -> str:
-        """The secret: the published one, or that which is given.
+        """The secret: the published one, or that which is given, or that which follows from a master secret.
 
         Raises:
             OtherSecretError: None is given, or another.
         """
+        if given is not None and commitment(given) != self.sha256:
+            given = round_secret(given, self.number)
         if given is None and not self.secret:
             raise OtherSecretError(f"the secret of round {self.number} is not published: name its file with --secret")
         if given is not None and commitment(given) != self.sha256:
@@ -155,10 +158,15 @@ def chosen_boards(names: Sequence[str]) -> list[Board]:
     return [find_board(name) for name in dict.fromkeys(names or boards())]
 
 
+def rounds() -> Mapping[int, Round]:
+    """Every round by number."""
+    return {of.number: of for of in _file().rounds}
+
+
 def find_round(number: int | None = None) -> Round:
     """A round by its number, the newest where there is none; raises `BundleError`."""
-    rounds = {of.number: of for of in _file().rounds}
-    number = max(rounds) if number is None else number
-    if number not in rounds:
-        raise BundleError(f"there is no round {number}; rounds: {', '.join(map(str, sorted(rounds)))}")
-    return rounds[number]
+    known = rounds()
+    number = max(known) if number is None else number
+    if number not in known:
+        raise BundleError(f"there is no round {number}; rounds: {', '.join(map(str, sorted(known)))}")
+    return known[number]

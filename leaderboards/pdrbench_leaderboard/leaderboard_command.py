@@ -1,4 +1,4 @@
-"""`pdrbench leaderboard run|draw|play|score|build|check|serve|key`."""
+"""`pdrbench leaderboard run|draw|play|score|build|check|serve|key|round`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import typer
 from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import BundleError, ResultError, plain_line
+from pdrbench_leaderboard import rounds_command
 from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder
 from pdrbench_leaderboard.steps_command import add_step_commands
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Play, build, check and show the boards.")
 keys = typer.Typer(no_args_is_help=True, help="For maintainers: keys that sign verifications.")
 app.add_typer(keys, name="key")
+app.add_typer(rounds_command.app, name="round")
 add_step_commands(app)
 
 HOST: Final = "127.0.0.1"  # reachable from this machine only

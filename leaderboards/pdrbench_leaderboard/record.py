@@ -127,19 +127,47 @@ def part_walks(drawn: DrawnPart, round_number: int) -> PartWalks:
     )
 
 
+def all_walks(folder: Path) -> dict[tuple[str, Part], list[PartWalks]]:
+    """Walks of a board by environment and part, those drawn last at the end; raises `BundleError`.
+
+    There are two where walks were drawn anew and some entry has not played them: until then the older ones rank.
+    """
+    path, found = folder / WALKS_FILE, dict[tuple[str, Part], list[PartWalks]]()
+    if path.is_file():
+        for of in read_json(read_limited(path, MAX_FILE_BYTES), tuple[PartWalks, ...], str(path)):
+            found.setdefault((of.env, of.part), []).append(of)
+    return found
+
+
 def read_walks(folder: Path) -> dict[tuple[str, Part], PartWalks]:
-    """Walks of a board by environment and part; none where nothing was played. Raises `BundleError`."""
-    path = folder / WALKS_FILE
-    if not path.is_file():
-        return {}
-    found = read_json(read_limited(path, MAX_FILE_BYTES), tuple[PartWalks, ...], str(path))
-    return {(of.env, of.part): of for of in found}
+    """Walks of a board that rank, by environment and part; none where nothing was played. Raises `BundleError`."""
+    return {place: _ranking(folder, drawn)[0] for place, drawn in all_walks(folder).items()}
 
 
-def write_walks(folder: Path, walks: Mapping[tuple[str, Part], PartWalks]) -> None:
-    """Writes the walks of a board."""
+def write_walks(folder: Path, now: PartWalks) -> None:
+    """Adds walks to those of a board, in place of older ones which nothing ranks on any more."""
     make_folder(folder)
-    write_whole(folder / WALKS_FILE, _lines([walks[place] for place in sorted(walks)]))
+    walks = all_walks(folder)
+    drawn = walks.setdefault((now.env, now.part), [])
+    drawn[:] = _ranking(folder, [*(of for of in drawn if of.sha256 != now.sha256), now])
+    write_whole(folder / WALKS_FILE, _lines([of for place in sorted(walks) for of in walks[place]]))
+
+
+def _ranking(folder: Path, drawn: list[PartWalks]) -> list[PartWalks]:
+    """From the walks that rank on: the newest that every entry has played which has played older ones."""
+    while len(drawn) > 1 and _players(folder, drawn[0]) <= _players(folder, drawn[1]) | drawn[1].declined.keys():
+        drawn = drawn[1:]
+    return drawn
+
+
+def _players(folder: Path, walks: PartWalks) -> set[str]:
+    """Entries that have played these walks."""
+    found = set()
+    for entry in list_entries(folder.parent, folder.name):
+        record = read_json(read_limited(entry / ENTRY_FILE, MAX_FILE_BYTES), EntryRecord, str(entry))
+        if any(of.walks_sha256 == walks.sha256 and of.place == (walks.env, walks.part) for of in record.parts):
+            found.add(record.name)
+    return found
 
 
 def part_record(

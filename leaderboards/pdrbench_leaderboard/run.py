@@ -30,6 +30,7 @@ from pdrbench_leaderboard.record import (
     ENTRY_FILE,
     PartRecord,
     PartWalks,
+    all_walks,
     answers_of,
     folder_name,
     held,
@@ -38,11 +39,11 @@ from pdrbench_leaderboard.record import (
     part_walks,
     read_answers,
     read_entry,
-    read_walks,
     sign_entry,
     write_entry,
     write_walks,
 )
+from pdrbench_leaderboard.rounds import MAX_SUBMISSIONS, has_to_wait
 from pdrbench_leaderboard.score import score_part
 from pdrbench_leaderboard.signing import check_listed
 from pdrbench_leaderboard.submission import find_card, unpack_bundle
@@ -226,7 +227,14 @@ def run(
         check_listed(settings.key, settings.root)
     secret = settings.secret_text
     for board in boards:
-        wanted = wanted_on[board.name]
+        wanted = []
+        for one in wanted_on[board.name]:
+            is_free = one.is_registered or bool(settings.round.secret)
+            if is_free or not has_to_wait(settings.root, settings.round.number, one.card, one.sha256):
+                wanted.append(one)
+                continue
+            why = f"{one.card.name} waits for the next round: its authors have submitted {MAX_SUBMISSIONS} times"
+            yield Outcome(board.name, "every environment", "held-out", why=why)
         for each in board.environments:
             listed = each.first(settings.walks)
             for part in listed.parts:
@@ -292,7 +300,7 @@ def _run_part(
     if not listed.has_data:
         return Outcome(board.name, listed.env, part, why="its recorded data is not found, see `pdrbench data`")
     folder = settings.root / board.name
-    known = read_walks(folder).get((listed.env, part))
+    known = newest(folder, (listed.env, part))
     todo = [one for one in wanted if not _is_done(folder, one, known, (settings.round.number, made_by(listed)))]
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
@@ -313,8 +321,8 @@ def _enter_all(
 ) -> Outcome:
     """Scores what was played, and writes entries."""
     folder = settings.root / board
-    walks, place = read_walks(folder), (drawn.env, drawn.part)
-    known, now = walks.get(place), part_walks(drawn, settings.round.number)
+    place = drawn.env, drawn.part
+    known, now = newest(folder, place), part_walks(drawn, settings.round.number)
     scored = score_part(drawn, results, jobs=settings.jobs)
     played, declined = [], {} if known is None or known.sha256 != now.sha256 else dict(known.declined)
     refused: dict[str, str] = {}
@@ -340,7 +348,7 @@ def _enter_all(
         _enter(one, board, settings, part_record(now, parts, one.sha256, first.provenance, shown))
         played.append(one.card.name)
     now = msgspec.structs.replace(now, declined=declined)
-    write_walks(folder, walks | {place: now})
+    write_walks(folder, now)
     out = tuple(one.card.name for one in todo if one.card.name in declined)
     return Outcome(board, drawn.env, drawn.part, tuple(played), kept, out, refused, waiting)
 
@@ -371,7 +379,9 @@ def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRec
     if (folder / ENTRY_FILE).is_file():
         record, _ = read_entry(folder)
         content = read_answers(folder)
-        parts += [(of, answers_of(record, content, of)) for of in record.parts if of.place != part[0].place]
+        ranking = {of.sha256 for drawn in all_walks(folder.parent).values() for of in drawn} - {part[0].walks_sha256}
+        kept = [of for of in record.parts if of.place != part[0].place or of.walks_sha256 in ranking]
+        parts += [(of, answers_of(record, content, of)) for of in kept]
     spec, source = entrant.source
     write_entry(settings.root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
     if source is not None:
@@ -379,6 +389,12 @@ def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRec
     record, _ = read_entry(folder)
     if settings.key is not None and not held(record):
         sign_entry(folder, settings.key)
+
+
+def newest(folder: Path, place: tuple[str, Part]) -> PartWalks | None:
+    """The walks of a part that were drawn last; None where there are none."""
+    drawn = all_walks(folder).get(place)
+    return drawn[-1] if drawn else None
 
 
 def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, now: tuple[int, str]) -> bool:
@@ -391,12 +407,8 @@ def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, now: tuple
     if not (place / ENTRY_FILE).is_file():
         return False
     record, _ = read_entry(place)
-    mine = next((part for part in record.parts if part.place == (known.env, known.part)), None)
-    return mine is not None and (mine.localizer_sha256, mine.versions, mine.walks_sha256) == (
-        entrant.sha256,
-        versions(),
-        known.sha256,
-    )
+    mine = [of for of in record.parts if (of.place, of.walks_sha256) == ((known.env, known.part), known.sha256)]
+    return any((of.localizer_sha256, of.versions) == (entrant.sha256, versions()) for of in mine)
 
 
 def _play(drawn: DrawnPart, todo: Sequence[Entrant], settings: Settings) -> tuple[Result, ...]:
