@@ -26,12 +26,21 @@ TIMES: dict[str, tuple[float, tuple[str, ...]]] = {  # factor from seconds, word
     "us": (1e6, ("t_us", "time [µs]", "timestamp (usec)", "micros", "time_microseconds", "time us")),
     "ns": (1e9, ("Timestamp[nanosec]", "time_ns", "t (nsec)", "timestampNanos", "elapsedRealtimeNanos", "timens")),
 }
-SILENT_TIMES = ("timestamp", "time", "t", "Time", "elapsed", "#timestamp")
+SILENT_TIMES = ("timestamp", "time", "t", "Time", "elapsed", "#timestamp", "clock", "utc")
 EPOCHS_S = (0.0, 66_000.961, 2_100_000.5, 1_700_000_000.0)
 ACCEL = ("acc_{}", "ax ay az", "Accelerometer {}", "accel.{}", "Acceleration {} {{u}}", "acc{} {{u}}", "a{}[{{u}}]")
-GYRO = ("gyr_{}", "wx wy wz", "Gyroscope {}", "gyro.{}", "Angular velocity {} {{u}}", "gyro{} {{u}}", "g{}[{{u}}]")
+GYRO = (
+    "gyr_{}",
+    "wx wy wz",
+    "Gyroscope {}",
+    "gyro.{}",
+    "Angular velocity {} {{u}}",
+    "gyro{} {{u}}",
+    "g{}[{{u}}]",
+    "imu.gyro.{}/{{u}}",
+)
 ACCEL_UNITS = {"m/s^2": (1.0, ("m/s2", "m/s²", "mps2")), "g": (1 / 9.80665, ("g",)), "mg": (1e3 / 9.80665, ("mg",))}
-GYRO_UNITS = {"rad/s": (1.0, ("rad/s", "rps")), "deg/s": (180 / np.pi, ("deg/s", "dps", "°/s"))}
+GYRO_UNITS = {"rad/s": (1.0, ("rad/s", "rps")), "deg/s": (180 / np.pi, ("deg/s", "dps", "°/s", "deg s^-1"))}
 LIES = 0.06  # of headers that state a wrong unit of time
 
 

@@ -21,6 +21,7 @@ from pdrbench.io.text import from_utf16
 
 MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
+MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is larger overflows squares
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 _UTF16_DECLARED: Final = re.compile(rb"\A(\s*<\?xml[^>]*?)\s+encoding=.UTF-16(?:LE|BE)?.", re.I)
 _Table = TypeVar("_Table")
@@ -186,7 +187,7 @@ def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
             return [convert(part, depth - 1) for part in value]
         if not value and kind == "Point":
             return None
-        if len(value) < 2 or not all(isinstance(part, (int, float)) and np.isfinite(part) for part in value):
+        if len(value) < 2 or not all(isinstance(part, (int, float)) and abs(part) < MAX_NUMBER for part in value):
             raise MapError(f"{where}: position {value!r}; expected two finite numbers")
         dropped = dropped or len(value) > 2
         flat.append((float(value[0]), float(value[1])))

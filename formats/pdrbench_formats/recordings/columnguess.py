@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -52,6 +52,7 @@ _UNIT_NAMES: Final = {
         }.items()
     },
 }
+_AFTER_AXIS: Final = re.compile(r"(.*)[\W_]?([wxyz])[\W_]+(.+)")  # a name, its axis, and what can only be a unit
 _ENDINGS: Final = sorted(
     {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
 )
@@ -171,7 +172,9 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         found["level"] = level
     if not found.keys() & {"accel", "gyro", "mag", "rotation", "baro"}:
         return None, assumed
-    time = _time_column(table, {name: base for name, (base, _) in named.items()}, shared=shared)
+    bases_of = {name: base for name, (base, _) in named.items()}
+    taken = {name for value in found.values() if not isinstance(value, str) for name in value} | {baro or ""}
+    time = _time_column(table, bases_of, shared=shared) or _time_by_growth(table, set(table.columns) - taken)
     if time is not None:
         found["time"] = time
         stated = unit_of("time_unit", named[time][1]) or unit_of("time_unit", unit_in(named[time][0]))
@@ -304,6 +307,9 @@ def split_unit(name: str) -> tuple[str, str]:
         unit = next((end for end in ends if _is_unit(end, _bare(text.removesuffix(end)))), "")
         if unit:
             return _bare(text.removesuffix(unit)), unit
+    after = _AFTER_AXIS.fullmatch(plain.lower()) if not unit else None
+    if after is not None and sensor_of(_bare(after[1]))[0]:
+        return _bare(after[1]) + after[2], after[3]
     return _bare(spaced), unit
 
 
@@ -387,6 +393,22 @@ def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: boo
         exact_enough = 0.9 * max(different.values(), default=0)
         found = [name for name in found if different[name] >= exact_enough and _is_epoch(table, name)] or found
     return max(found, key=lambda name: different[name], default=None)
+
+
+def _time_by_growth(table: DelimitedTable, names: Collection[str]) -> str | None:
+    """The one column, whatever its name, that grows from row to row as a clock does; one that counts rows is none."""
+    found = []
+    for name in (name for name in table.columns if name in names):
+        part = _beginning(table, [name])
+        try:
+            t, _ = clock(part, name, "s" if table.columns[name].dtype.kind in "iuf" else "datetime")
+        except RecordingError:
+            continue
+        steps = np.diff(t)
+        grows = len(steps) >= MIN_ROWS and np.isfinite(steps).all() and (steps >= 0).all() and (steps > 0).mean() > 0.9
+        if grows and not (steps == 1.0).all() and float(np.quantile(steps, 0.9)) < 3.0 * float(np.median(steps)):
+            found.append(name)
+    return found[0] if len(found) == 1 else None
 
 
 def _is_epoch(table: DelimitedTable, name: str) -> bool:
