@@ -183,8 +183,11 @@ class _Level:
             reach_m = np.concatenate([[low_m, high_m], corners_m])
             low_m, high_m = reach_m.min(axis=0), reach_m.max(axis=0)
         self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
-        self._prior = p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)
-        self._cross = p.shadow_db**2 * _kernel(self.lattice_m, self._cell_m, p.shadow_m)
+        # single precision is enough: the noise of every cell keeps the matrix far from singular
+        self._prior = (p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)).astype(np.float32)
+        self._cross = (p.shadow_db**2 * _kernel(self.lattice_m, self._cell_m, p.shadow_m)).astype(np.float32)
+        self._to_cells = _loss(self._grid_m, self._cell_m)
+        self._to_cells_squared = self._to_cells**2
 
     def fit(self, numbers: IntArray) -> None:
         """Fits path losses of access points (A,), ascending; what was fitted before is forgotten."""
@@ -208,11 +211,15 @@ class _Level:
         if own == len(self._own) or self._own[own] != number:
             return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
         drawn = self._place[:, own]
-        each = self._level_dbm[drawn, own, None] + self._exponent[drawn, own, None] * self._loss(drawn)
-        mean_dbm = each.mean(axis=0)
+        drawn, times = np.unique(drawn, return_counts=True)
+        each = self._level_dbm[drawn, own, None] + self._exponent[drawn, own, None] * _loss(
+            self._grid_m[drawn], self.lattice_m
+        )
+        mean_dbm = times @ each / p.draws
         near = np.flatnonzero(mean_dbm > p.weakest_dbm - 4.0)
-        variance_db2 = each[:, near].var(axis=0) + (p.shadow_db**2 or p.mean_sigma_db**2)
         mean_dbm = mean_dbm[near]
+        spread_db2 = times @ (each[:, near] - mean_dbm) ** 2 / p.draws
+        variance_db2 = spread_db2 + (p.shadow_db**2 or p.mean_sigma_db**2)
         if p.shadow_db:
             received = self._received[:, own]
             cells = np.flatnonzero((received > 0) | self._is_miss[:, own])
@@ -220,20 +227,21 @@ class _Level:
             noise = (
                 np.where(received > 0, p.noise_db**2 / np.maximum(received, 1), self._site_db2[:, own]) + p.nugget_db**2
             )
-            factor = cho_factor(
-                self._prior[np.ix_(cells, cells)] + np.diag(noise[cells]), lower=True, check_finite=False
-            )
+            covariance = self._prior[np.ix_(cells, cells)]
+            covariance[np.diag_indices(len(cells))] += noise[cells].astype(np.float32)
+            factor = cho_factor(covariance, lower=True, overwrite_a=True, check_finite=False)
             cross = self._cross[np.ix_(near, cells)]
-            mean_dbm = mean_dbm + cross @ cho_solve(factor, left_db[cells], check_finite=False)
+            weights = cho_solve(factor, left_db[cells].astype(np.float32), check_finite=False)
+            mean_dbm = mean_dbm + cross @ weights
             known = solve_triangular(factor[0], cross.T, lower=True, check_finite=False)
-            variance_db2 = variance_db2 - (known**2).sum(axis=0)
+            variance_db2 = variance_db2 - np.einsum("cn,cn->n", known, known)
         kept = mean_dbm > p.weakest_dbm
         return near[kept], mean_dbm[kept], variance_db2[kept]
 
     def _fit_path_loss(self) -> None:
         """Places, exponents and levels of all access points: on the grid with what was received, then with misses."""
         p, is_received = self._params, self._received > 0
-        loss = -5.0 * np.log10(_squares(self._grid_m, self._cell_m) + NEAREST_M2)
+        loss = self._to_cells
         prior_level, prior_exponent = p.mean_sigma_db**2 / np.square([p.level_sigma_db, p.exponent_sigma])
         column = np.arange(len(self._own))
         self._is_miss, self._site_dbm, self._site_db2 = (
@@ -247,7 +255,11 @@ class _Level:
                 value = np.where(is_received, self._dbm, self._site_dbm)
             weighted = weight * value
             # normal equations of level and exponent for every place of the grid (J,) and every access point (A,)
-            one, two, both = weight.sum(axis=0) + prior_level, loss**2 @ weight + prior_exponent, loss @ weight
+            one, two, both = (
+                weight.sum(axis=0) + prior_level,
+                self._to_cells_squared @ weight + prior_exponent,
+                loss @ weight,
+            )
             left = weighted.sum(axis=0) + prior_level * p.level_dbm
             right = loss @ weighted + prior_exponent * p.exponent
             determinant = one * two - both**2
@@ -284,11 +296,6 @@ class _Level:
         self._site_dbm = self._mean_dbm - first / bent
         self._site_db2 = np.maximum(-1.0 / bent - sigma_db**2, 1.0) / np.maximum(self._scans, 1.0)
 
-    def _loss(self, drawn: IntArray) -> FloatArray:
-        """(D, N) path loss of exponent 1 from places of the grid to the lattice."""
-        loss: FloatArray = -5.0 * np.log10(_squares(self._grid_m[drawn], self.lattice_m) + NEAREST_M2)
-        return loss
-
     def _on_floor(
         self, places_m: FloatArray, row: IntArray, level: int, building: Building | None, region: FloorRegion | None
     ) -> tuple[FloatArray, IntArray]:
@@ -311,8 +318,15 @@ def _lattice(low_m: FloatArray, high_m: FloatArray, step_m: float) -> tuple[Floa
 
 def _squares(one_m: FloatArray, other_m: FloatArray) -> FloatArray:
     """(M, N) squared distances."""
-    away_m2: FloatArray = ((one_m[:, None, :] - other_m[None, :, :]) ** 2).sum(axis=2)
+    away_m2: FloatArray = np.subtract.outer(one_m[:, 0], other_m[:, 0]) ** 2
+    away_m2 += np.subtract.outer(one_m[:, 1], other_m[:, 1]) ** 2
     return away_m2
+
+
+def _loss(one_m: FloatArray, other_m: FloatArray) -> FloatArray:
+    """(M, N) path loss of exponent 1."""
+    loss: FloatArray = -5.0 * np.log10(_squares(one_m, other_m) + NEAREST_M2)
+    return loss
 
 
 def _kernel(one_m: FloatArray, other_m: FloatArray, length_m: float) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol
@@ -42,6 +43,7 @@ FADES: Final = 0.9  # of a displacement for every second without samples: nearly
 # to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
 REPEATED_FRACTION: Final = 0.25
 GAP_FRACTION: Final = 0.1
+ROUNDING_S: Final = 1e-6  # of times
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,7 @@ class Reckoner:
     ) -> None:
         self._length_factor, self._missing_s = length_factor, 0.0
         self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
-        carrier = briefing.carrier
+        carrier = self._carrier = briefing.carrier
         if network.carried != carrier:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carrier}: leave them out")
         self._source = source = rows_of(briefing, network.own_attitude)
@@ -145,6 +147,7 @@ class Reckoner:
         has_rotation = "rotation" in source.sensors
         fit = [one for one in companions if one.carried == carrier and (one.own_attitude or has_rotation)]
         self._members = [_Member(one) for one in (network, *fit)]
+        self._waiting: dict[str, list[FloatArray]] = {name: [] for name in source.sensors}
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._compass: FloatArray = np.zeros((0, 2))
         height_m = briefing.subject.get("height_m", 0.0)
@@ -179,16 +182,11 @@ class Reckoner:
 
     def _seconds(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         """Those that are complete, in the frame of the rotation vector."""
-        new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in self._source.sensors}
-        if "rotation" in new:
-            self._check(new)
-            new = self._source.update(new)
-        else:
-            new = self._source.update(new)
-            self._check(new)
-        for name in SENSORS:
-            self._rows[name] = np.concatenate([self._rows[name], new[name]])
-        self._compass = np.concatenate([self._compass, new.get("compass", np.zeros((0, 2)))])
+        for name, waiting in self._waiting.items():
+            waiting.append(rows[name][np.isfinite(rows[name]).all(axis=1)])
+        if self._carrier == PHONE and self._first_s is not None and not self._is_due:
+            return
+        self._take()
         if any(len(one) < 2 for one in self._rows.values()):
             return
         if self._first_s is None:
@@ -198,10 +196,36 @@ class Reckoner:
         ready_s = min(float(one[-1, 0]) for one in self._rows.values())
         if newest_s - ready_s > EVERY_S:
             ready_s = newest_s - EVERY_S  # a sensor has stopped
-        while self._end_s <= ready_s + 1e-6:
+        while self._end_s <= ready_s + ROUNDING_S:
             yield from self._with_unknown(self._move(self._end_s))
             self._end_s += EVERY_S
         self._forget()
+
+    @property
+    def _is_due(self) -> bool:
+        """Whether a second may be complete with the rows that wait."""
+        latest_s = [
+            max((float(one[-1, 0]) for one in (rows, *self._waiting[name]) if len(one)), default=-math.inf)
+            for name, rows in self._rows.items()
+            if name in self._waiting
+        ]
+        return min(latest_s) >= self._end_s - ROUNDING_S or max(latest_s) > self._end_s + EVERY_S - ROUNDING_S
+
+    def _take(self) -> None:
+        """Gives the rows that wait an attitude: a second of them costs hardly more than a fifth of one."""
+        if not all(self._waiting.values()):
+            return
+        new = {name: np.concatenate(waiting) for name, waiting in self._waiting.items()}
+        self._waiting = {name: [] for name in self._source.sensors}
+        if "rotation" in new:
+            self._check(new)
+            new = self._source.update(new)
+        else:
+            new = self._source.update(new)
+            self._check(new)
+        for name in SENSORS:
+            self._rows[name] = np.concatenate([self._rows[name], new[name]])
+        self._compass = np.concatenate([self._compass, new.get("compass", np.zeros((0, 2)))])
 
     def _with_unknown(self, move: Move | None) -> Iterator[Move]:
         """A second; with the first that is known those before it, which fade backwards from it."""
@@ -230,6 +254,7 @@ class Reckoner:
         turn_rad = self._source.turn_rad
         if turn_rad is None or self._last is None or self._last.is_guess:
             return None
+        self._take()
         end_s = min(float(rows[-1, 0]) for rows in self._rows.values())
         window, missing_s = self._seen(end_s)
         if window is None or missing_s:

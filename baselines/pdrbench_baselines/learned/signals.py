@@ -93,7 +93,7 @@ def attitude_at(rotation: FloatArray, t_s: FloatArray) -> FloatArray:
     quaternion = rotation[:, 1:5].copy()
     flips = np.cumsum(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0) % 2 == 1
     quaternion[1:][flips] *= -1.0
-    between = np.column_stack([np.interp(t_s, rotation[:, 0], values) for values in quaternion.T])
+    between = _between(t_s, rotation[:, 0], quaternion)
     unit: FloatArray = between / np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-9)
     return unit
 
@@ -101,13 +101,22 @@ def attitude_at(rotation: FloatArray, t_s: FloatArray) -> FloatArray:
 def _cell_means(t_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
     """(n, 3) means over cells of 1 / `RATE_HZ` around times of what lies linearly between samples (k, 3)."""
     half_s = 0.5 / RATE_HZ
-    edges_s = np.unique(np.concatenate([t_s, at_s - half_s, at_s + half_s]))
-    means = np.empty((len(at_s), values.shape[1]))
-    for axis, column in enumerate(values.T):
-        line = np.interp(edges_s, t_s, column)
-        area = np.concatenate([[0.0], np.cumsum(np.diff(edges_s) * (line[1:] + line[:-1]) / 2)])
-        means[:, axis] = (np.interp(at_s + half_s, edges_s, area) - np.interp(at_s - half_s, edges_s, area)) * RATE_HZ
-    return means
+    before_s, after_s = at_s - half_s, at_s + half_s
+    edges_s = np.sort(np.concatenate([t_s, before_s, after_s]))
+    line = _between(edges_s, t_s, values)
+    area = np.zeros(line.shape)
+    np.cumsum(np.diff(edges_s)[:, None] * (line[1:] + line[:-1]) / 2, axis=0, out=area[1:])
+    means: FloatArray = area[np.searchsorted(edges_s, after_s)] - area[np.searchsorted(edges_s, before_s)]
+    return means * RATE_HZ
+
+
+def _between(at_s: FloatArray, t_s: FloatArray, values: FloatArray) -> FloatArray:
+    """(n, C) values between samples (k, C), linear; the first and the last one outside. `np.interp` of many columns."""
+    after = np.searchsorted(t_s, at_s, side="right").clip(1, len(t_s) - 1)
+    step_s = t_s[after] - t_s[after - 1]
+    part = ((at_s - t_s[after - 1]) / np.where(step_s > 0, step_s, 1.0)).clip(0.0, 1.0)[:, None]
+    between: FloatArray = values[after - 1] * (1.0 - part) + values[after] * part
+    return between
 
 
 def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:

@@ -90,7 +90,7 @@ def test_what_is_asked_between_seconds_leaves_them_as_they_are(rng: np.random.Ge
         for reckoner, moves_m in found.items():
             moves_m += [move.move_m for move in reckoner.update(part)]
         latest.append(asked.latest_change_m())
-    np.testing.assert_array_equal(found[asked], found[alone])
+    np.testing.assert_allclose(found[asked], found[alone], rtol=1e-12)  # rows are summed in other parts
     since_s, change_m = zip(*(one for one in latest if one is not None), strict=True)
     assert len(found[asked]) == 8 and min(since_s) == pytest.approx(0.18) and max(since_s) == pytest.approx(0.98)
     assert (np.hypot(*np.transpose(change_m)) < 1.0).all()
