@@ -15,10 +15,11 @@ import numpy as np
 from pdrbench.errors import BundleError, ResultError, plain_line
 from pdrbench.evaluation import evaluate, store
 from pdrbench.process.launch import Isolation
-from pdrbench.result import ONLINE, Result, by_division
+from pdrbench.result import ONLINE, UNSUITABLE, Result, by_division
 from pdrbench_leaderboard.draw import INDEX_FILE, TASK_FILE, Index, read_index
 from pdrbench_leaderboard.schema import Name, Remark, read_limited
 
+TRIED: Final = 5  # walks: who declines one in ten by chance declines so many in one of 100 000 cases
 MAX_RESULT_BYTES: Final = 64_000_000
 # What a file that no run has written may cause
 UNREADABLE: Final = (
@@ -38,8 +39,9 @@ def play(
 ) -> tuple[Result, ...]:
     """Answers of localizers to drawn walks, one run of each; as they were given, then as `revise` left them.
 
-    A localizer draws its randomness from the name of the walk and the nonce of the round. What is stored already is
-    not played again. On a Dask cluster (`evaluation.cluster`) all machines see both folders.
+    A localizer draws its randomness from the name of the walk and the nonce of the round. One that declines the first
+    `TRIED` walks is not asked again, and those are what is returned of it. What is stored already is not played again.
+    On a Dask cluster (`evaluation.cluster`) all machines see both folders.
 
     Args:
         observations: Folder of drawn walks.
@@ -50,18 +52,25 @@ def play(
         progress: Shows on stderr how far it is.
     """
     index = read_index(observations)
-    return evaluate(
-        localizers,
-        f"{observations / TASK_FILE}:task",
-        split="test",
-        seeds=1,
-        walks=len(index.walks),
-        jobs=jobs,
-        out=answers,
-        isolation=isolation,
-        nonce=index.nonce,
-        progress=progress,
-    ).results
+
+    def played(names: Sequence[str], walks: int) -> tuple[Result, ...]:
+        return evaluate(
+            names,
+            f"{observations / TASK_FILE}:task",
+            split="test",
+            seeds=1,
+            walks=walks,
+            jobs=jobs,
+            out=answers,
+            isolation=isolation,
+            nonce=index.nonce,
+            progress=progress,
+        ).results
+
+    tried = played(localizers, min(TRIED, len(index.walks)))
+    suited = {result.localizer for result in tried if result.status != UNSUITABLE}
+    declined = tuple(result for result in tried if result.localizer not in suited)
+    return declined + (played(sorted(suited), len(index.walks)) if suited else ())
 
 
 def find_parts(observations: Path) -> list[Path]:

@@ -115,6 +115,11 @@ class Table:
         """Those of which walks were played."""
         return [listed for listed in self.board.environments if (listed.env, part) in self.walks]
 
+    @functools.cached_property
+    def is_lost(self) -> bool:
+        """Whether nothing says where the walks begin."""
+        return all(make_task(listed.env).start == "unknown" for listed in self.environments())
+
     def divisions(self, entry: Entry, part: Part = "held-out") -> dict[str, DivisionRecord]:
         """How an entry did, by environment; online where it did not revise."""
         found = {}

@@ -14,6 +14,7 @@ from pdrbench_leaderboard.standings import Row, Table
 
 FILE_NAME: Final = "README.md"
 MAX_RATIO: Final = 1.25  # between neighbours: above it, a board says that it is too coarse
+FOUND: Final = "found after, s"  # of boards on which no start is given
 HEAD: Final = (
     "rank",
     "entry",
@@ -26,7 +27,7 @@ HEAD: Final = (
     "lost, %",
     "in the 95 % disc, %",
     "outside, %",
-    "found after, s",
+    FOUND,
     "processor, % of real time",
     "public p75, m",
     "uses",
@@ -46,7 +47,10 @@ def page(board: Board, tables: Sequence[Table]) -> str:
     head = ["environment", "held-out walks", "public walks", "units"]
     lines += [*_grid(head, environment_lines(tables[0]), {"environment"}), ""]
     for table in tables:
-        lines += [f"## {DIVISION_TITLES[table.division]}", "", *_grid(HEAD, map(cells, table.rows), LEFT), ""]
+        shown = [place for place, name in enumerate(HEAD) if name != FOUND or table.is_lost]
+        head, rows = [HEAD[place] for place in shown], [cells(row) for row in table.rows]
+        rows = [[row[place] for place in shown] for row in rows]
+        lines += [f"## {DIVISION_TITLES[table.division]}", "", *_grid(head, rows, LEFT), ""]
         lines += [f"* {text}" for text in notes(table)] + [""]
         head, strata = strata_of(table)
         lines += ["p75 in metres by environment and kind of walk:", "", *_grid(head, strata, {"entry"}), ""]
