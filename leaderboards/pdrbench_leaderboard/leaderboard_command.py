@@ -187,6 +187,21 @@ def check(root: Root = Path("leaderboards"), as_json: AsJson = False) -> None:
         raise typer.Exit(1)
 
 
+@app.command("release")
+def release(
+    entry: Annotated[Path, typer.Argument(metavar="DIR", file_okay=False, help="<root>/<board>/<entry>.")],
+    key: Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs it.")],
+) -> None:
+    """Sign an entry that was held, once a person has read its source: it ranks from then on."""
+    from pdrbench_leaderboard.record import held, read_entry, sign_entry
+    from pdrbench_leaderboard.signing import check_listed
+
+    record, _ = read_entry(entry)
+    check_listed(key, entry.absolute().parents[1])
+    sign_entry(entry, key)
+    say(f"{record.name} on {record.board} is verified{f'; it was held: {why}' if (why := held(record)) else ''}")
+
+
 @app.command("serve")
 def serve(
     site: Annotated[Path, typer.Argument(metavar="DIR", help="What `build` wrote.")] = Path("site"),

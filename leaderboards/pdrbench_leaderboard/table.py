@@ -140,7 +140,8 @@ def notes(table: Table) -> Iterator[str]:
     yield (
         f"Held-out walks of round {', '.join(map(str, numbers))} rank"
         f"{', whose secret is published: any user can play them' if public else ''}. "
-        "Recorded walks are replayed in another frame; their truth is public, and memorising them is not excluded."
+        "Recorded walks are replayed in another frame. Their truth is public: memorising is detected by canary and "
+        "review, not excluded."
     )
     yield (
         "p75: geometric mean over walks of the third quartile of the error, 15 m added for each wrong level, in "

@@ -10,9 +10,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from pdrbench.registry import make_task
-from pdrbench_leaderboard import record
+from pdrbench_leaderboard import leaderboard_command, record
 from pdrbench_leaderboard.boards import Board
 from pdrbench_leaderboard.canaries import MIN_CANARIES, Canary, crossed, cut_short, examine, judge, plan
 from pdrbench_leaderboard.card import card_toml
@@ -152,6 +153,10 @@ def test_a_held_entry_is_not_signed_by_a_run(
         played(signing, spec, name, tmp_path)
         folder = settings.root / "toy" / name
         assert (folder / record.SIGNATURE_FILE).exists() == (name == "honest")
+    folder = settings.root / "toy" / "remembers"
+    released = CliRunner().invoke(leaderboard_command.app, ["release", str(folder), "--key", str(key)])
+    assert released.exit_code == 0 and "it was held" in released.output
+    assert record.is_verified(folder, record.read_entry(folder)[0]), "a person has signed it"
 
 
 def test_answers_that_depend_on_more_than_walk_and_randomness_are_refused(

@@ -41,6 +41,8 @@ INDEX: Final = "dataset.json"  # paths and hashes of all other files; its own ha
 CARD: Final = "README.md"
 PLAN: Final = "plan.geojson"
 WALKS: Final = "walks"
+# In every card: a model whose training data held it can say it
+CANARY_TEXT: Final = "Not for training data: pdrbench canary 8f1c5a52-6a0e-4f37-9d0b-c6c1f0b7d2e4"
 SURVEY: Final = "survey"
 _QUESTIONS: Final = {
     "who": "how many people walked, of which age or height; no names",
@@ -206,7 +208,7 @@ def _index(walks: Walks, card: CardTable, folder: Path) -> Dataset:
 def _card(walks: Walks, card: CardTable) -> str:
     """The data card as Markdown."""
     task = walks.task
-    lines = [f"# {task.id}", "", task.summary, "", task.description.strip(), ""]
+    lines = [f"# {task.id}", "", task.summary, "", task.description.strip(), "", CANARY_TEXT, ""]
     lines += ["| | |", "|---|---|"]
     for name, value in msgspec.to_builtins(card).items():
         lines.append(f"| {name} | {_cell(value)} |")
