@@ -12,9 +12,9 @@ import numpy as np
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.clock import even_clock
 from pdrbench.inertial.foot_kernels import (
+    FIFTEEN,
     NINE,
     NUM_UPDATES,
-    SEVENTEEN,
     Memory,
     Noise,
     Record,
@@ -40,8 +40,7 @@ class FootParams:
 
     Attributes:
         detector: When the foot rests.
-        estimates_biases: 17 states, with biases of accelerometer and gyroscope, scale and lag of the gyroscope, rather
-            than the 9 of Frank et al. 2009.
+        estimates_biases: 15 states, with biases of accelerometer and gyroscope, rather than the 9 of Frank et al. 2009.
         unit_height_m: Height of the unit above the sole. A foot in stance rolls, and a unit on its instep moves forward
             meanwhile: taken for rest, that makes every stride 1.9 % short. 0 for a velocity of zero, as in the papers.
         accel_density: White noise of the acceleration, m/s2 per root hertz; 0.5 m/s2 a sample at 200 Hz.
@@ -49,16 +48,11 @@ class FootParams:
         accel_bias_mps2: Prior standard deviation of a bias; the vertical found at the start errs with it.
         gyro_bias_radps: Prior standard deviation of a bias. Small on purpose: what a gyroscope reads at rest differs by
             some 0.1 degrees/s from what it adds while the foot swings, so a rest reveals half of it at most.
-        gyro_scale: Prior standard deviation of the error of the gyroscope's scale, one for its three axes. Each swing
-            tips the foot by about a right angle and back, so that gravity shows the scale.
-        late_samples: Prior standard deviation, in samples, of the time by which rates lag behind forces: filters of the
-            sensor, and stamps. Without it a lag looks like a scale.
         clipped_rate_radps: Rates above may lie at the end of the range of the sensor, until it is seen where that ends,
             see `foot_kernels.Memory.limits`; inf to trust every rate.
         clipped_sigma_fraction: How far off a clipped rate may be, as a fraction of it.
-        takes_mean: Force and rate between two samples are the mean of both, and the rotation is that of a rate that
-            changes linearly (coning), rather than those of the second sample. An impact, or a low rate, thereby makes
-            the covariance grow, as much as the signal bends.
+        force_fraction: Noise of the velocity that grows with the motion, as a fraction of the acceleration, per root
+            hertz: scales, axes and the time between samples err with it. Without it a swing seems to show a bias.
         slip_mps: How fast a foot in stance may be. Where the filter has a velocity v of variance P, the variance of a
             velocity of zero is multiplied by 1 + sum of v^2 / (P + slip^2), as for a Cauchy distribution: in mid-swing,
             at 3 m/s, a foot has moments as quiet as a runner's stance. inf to believe the detector.
@@ -71,12 +65,10 @@ class FootParams:
     accel_density: float = 0.5 * _AT_200_HZ  # F7
     gyro_density: float = math.radians(0.5) * _AT_200_HZ  # F7
     accel_bias_mps2: float = 0.3  # data sheets of the consumer class give 20 to 80 mg
-    gyro_bias_radps: float = math.radians(0.2)  # of the consumer class, which is switched on with 0.1 to 0.5 degrees/s
-    gyro_scale: float = 0.003  # of the consumer class, which is calibrated to 0.1 to 0.5 %
-    late_samples: float = 0.25  # ours
+    gyro_bias_radps: float = math.radians(0.1)  # of the consumer class, which is switched on with 0.1 to 0.5 degrees/s
     clipped_rate_radps: float = 8.3  # the range of 500 degrees/s ends at 8.5 to 9.6 rad/s
     clipped_sigma_fraction: float = 1.4  # fitted on recordings, see the laboratory's `foot_ins.left_out`
-    takes_mean: bool = True
+    force_fraction: float = 0.01  # 0.03 to 0.1 m/s after a swing; by the worse half of eleven recorded sets
     slip_mps: float = 0.3  # a foot is slowest at 0.2 to 0.5 m/s where it runs
     field: FieldParams | None = None
 
@@ -94,7 +86,7 @@ LITERAL: Final = FootParams(
     estimates_biases=False,
     unit_height_m=0.0,
     clipped_rate_radps=math.inf,
-    takes_mean=False,
+    force_fraction=0.0,
     slip_mps=math.inf,
 )
 
@@ -239,7 +231,7 @@ class Leveller:
     """
 
     def __init__(self, rate_hz: float, params: FootParams) -> None:
-        self._params, self._rate_hz = params, rate_hz
+        self._params = params
         self._rows = max(3, round(LEVEL_S * rate_hz))
         self._quiet = RestDetector(DETECTORS["shoe"], rate_hz)
         self._tail: FloatArray = np.zeros((0, 4))  # specific force and SHOE statistic of the last samples
@@ -265,12 +257,12 @@ class Leveller:
             has_waited = now_s - self._began_s > LEVEL_WAIT_S
             limit = DETECTORS["soft"].threshold if has_waited else LEVEL_STATISTIC
             if window[:, 3].max() < limit:
-                return end + 1 - known, level(now_s, window[:, :3], self._params, self._rate_hz)
+                return end + 1 - known, level(now_s, window[:, :3], self._params)
         self._tail = seen[max(len(seen) - self._rows + 1, 0) :].copy()
         return len(t_s), None
 
 
-def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 200.0) -> Memory:
+def level(now_s: float, accel: FloatArray, params: FootParams) -> Memory:
     """The filter's memory after a window in which the foot was quiet.
 
     The vertical is the direction of the mean specific force, and is known as well as the window is quiet; yaw and
@@ -280,13 +272,12 @@ def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 
         now_s: Time of the last sample of the window.
         accel: (m, 3) specific force in the window.
         params: See `FootParams`.
-        rate_hz: Nominal rate of the samples.
     """
     mean = accel.mean(axis=0)
     up = mean / np.linalg.norm(mean)
     spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / GRAVITY_MPS2
-    size: tuple[int, ...] = SEVENTEEN if params.estimates_biases else NINE
-    x = np.zeros(max(len(size) + 1, 16))
+    size: tuple[int, ...] = FIFTEEN if params.estimates_biases else NINE
+    x = np.zeros(16)
     x[6:10] = _levelled(up)
     sigma = np.zeros(len(size))
     sigma[3:6] = params.detector.sigma_mps
@@ -297,14 +288,12 @@ def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 
         ties[6:8, 9:12] = np.array([-body[:, 1], body[:, 0]]) / GRAVITY_MPS2
         sigma[9:12] = params.accel_bias_mps2
         sigma[12:15] = params.gyro_bias_radps
-        sigma[15:] = params.gyro_scale, params.late_samples / rate_hz
     return Memory(
         x=x,
         cov=ties @ np.diag(sigma**2) @ ties.T,
-        previous=np.array([now_s, *mean, 0.0, 0.0, 0.0, *mean, 0.0, 0.0, 0.0, 0.0]),
+        previous=np.array([now_s, *mean, *np.zeros(6)]),
         largest_rate=np.zeros(3),
         limits=np.zeros((6, 4)),
-        excess=np.zeros(3),
         still=np.zeros(5),
         recent=np.zeros(6),
         field_heading=np.full(1, np.nan),
@@ -365,9 +354,9 @@ def run(
 def empty_record(count: int, num_states: int) -> Record:
     """Room for what the smoother needs of `count` samples."""
     return Record(
-        x=np.empty((count, max(num_states + 1, 16))),
+        x=np.empty((count, 16)),
         cov=np.empty((count, num_states, num_states)),
-        step=np.empty((count, 19)),
+        step=np.empty((count, 13)),
         which=np.empty((count, NUM_UPDATES), dtype=np.int64),
         gain=np.empty((count, NUM_UPDATES, num_states)),
         innovation=np.empty((count, NUM_UPDATES)),

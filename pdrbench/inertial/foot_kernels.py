@@ -1,10 +1,9 @@
 """Compiled kernels of the foot-mounted inertial filter: strapdown and error-state Kalman filter.
 
 The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world frame, attitude 6-9 (Hamilton wxyz, body to
-world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (17, 17)
-belongs to the errors (position, velocity, rotation of the world frame, biases, scale, lag). With 17 states the nominal
-state has 18 members: the error of the gyroscope's scale, and the seconds by which its rates lag. The same in plain
-matrices: `pdrbench_lab.foot_ins.bench`.
+world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
+belongs to the errors (position, velocity, rotation of the world frame, biases). The same in plain matrices:
+`pdrbench_lab.foot_ins.bench`.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
 NINE: Final = (0,) * 9
-SEVENTEEN: Final = (0,) * 17
+FIFTEEN: Final = (0,) * 15
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
@@ -30,7 +29,6 @@ BIAS_WALK: Final = 1e-6  # of both biases, m/s2 and rad/s per root second
 GAP_S: Final = 0.03  # a longer time between samples is a gap, over which the mean of its two ends is taken
 BRIDGE_S: Final = 0.5  # in a gap longer than this the foot does as it likes, and its velocity is kept
 GAP_SWING_RADPS: Final = 20.0  # how fast a foot oscillates: noise in a gap is as large as the motion of the last second
-BEND_FRACTION: Final = 1 / 12  # error of a mean of two samples over their second difference, as of the trapezoidal rule
 TURN_ON_RAD: Final = math.radians(1.5)  # a foot that stands still and turns by more was switched on with a bias
 TURN_ON_STILL_S: Final = 0.7  # for which it stood still, after `Detector.still_s`
 TURN_ON_SIGMA_RADPS: Final = math.radians(0.1)
@@ -50,7 +48,7 @@ class Noise(NamedTuple):
     gyro_density: float
     clipped_rate_radps: float
     clipped_sigma_fraction: float
-    takes_mean: bool
+    force_fraction: float
     slip_mps: float
     heading_sigma_rad: float
     heading_gate: float
@@ -60,20 +58,18 @@ class Memory(NamedTuple):
     """What is carried from sample to sample; every member is written in place.
 
     Attributes:
-        x: (16,) nominal state, (18,) with 17 states.
+        x: (16,) nominal state.
         cov: (N, N) of its error.
-        previous: (14,) time, specific force and rate of the last sample; force and rate of the one before, and the time
-            between the two.
+        previous: (10,) time, specific force and rate of the last sample, and the rate of the one before.
         largest_rate: (3,) largest magnitude each gyroscope axis has shown.
         limits: (6, 4) of each axis and side, see `_find_limits`: rate that the present swing held for three samples,
             the largest of all swings, how many reached it, samples there less samples a little below.
-        excess: (3,) rate that was added to the last sample because it was clipped.
         still: (5,) how long the foot has stood still, in seconds; the angle it turned meanwhile, 3; 1 once the turn-on
             bias is set.
         recent: (6,) mean square, over about a second, of the rate about each axis and of the acceleration along each
             axis of the world.
         field_heading: (1,) direction of the magnetic field in the world frame, NaN until one has been measured.
-        size: `NINE` or `SEVENTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
+        size: `NINE` or `FIFTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
     """
 
     x: FloatArray
@@ -81,7 +77,6 @@ class Memory(NamedTuple):
     previous: FloatArray
     largest_rate: FloatArray
     limits: FloatArray
-    excess: FloatArray
     still: FloatArray
     recent: FloatArray
     field_heading: FloatArray
@@ -98,8 +93,7 @@ class Record(NamedTuple):
     Attributes:
         x: (n, len of the state) after the updates.
         cov: (n, N, N) after the updates.
-        step: (n, 19) dt, specific force in the world frame, 3, body to world, 9, rate in the world frame, 3, its change
-            a second, 3; dt is 0 where nothing moved.
+        step: (n, 13) dt, specific force in the world frame, 3, body to world, 9; dt is 0 where nothing moved.
         which: (n, 7) index of the error state that an update measured, -1 where there was none.
         gain: (n, 7, N).
         innovation: (n, 7).
@@ -151,13 +145,13 @@ def correct(x: Any, error: Any, size: Any) -> None:
     for i in range(6):
         x[i] += error[i]
     _set_product(x, _half_turn(error[6], error[7], error[8]), (x[6], x[7], x[8], x[9]))
-    if len(size) == 17:
-        for i in range(8):
+    if len(size) == 15:
+        for i in range(6):
             x[10 + i] += error[9 + i]
 
 
 @njit(cache=True, error_model="numpy")
-def _propagate(cov: Any, dt: float, f: Any, c: Any, turn: Any, size: Any) -> None:
+def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
     """cov <- F cov F^T, with F the transition of the error; each row needs only rows that come after it."""
     n = len(size)
     for j in range(n):
@@ -167,11 +161,10 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, turn: Any, size: Any) -> Non
         cov[3, j] += dt * (f[2] * p1 - f[1] * p2)
         cov[4, j] += dt * (f[0] * p2 - f[2] * p0)
         cov[5, j] += dt * (f[1] * p0 - f[0] * p1)
-        if n == 17:
+        if n == 15:
             for i in range(3):
                 cov[3 + i, j] -= dt * (c[i, 0] * cov[9, j] + c[i, 1] * cov[10, j] + c[i, 2] * cov[11, j])
                 cov[6 + i, j] -= dt * (c[i, 0] * cov[12, j] + c[i, 1] * cov[13, j] + c[i, 2] * cov[14, j])
-                cov[6 + i, j] -= dt * (turn[i] * cov[15, j] - turn[3 + i] * cov[16, j])
     for j in range(n):
         p0, p1, p2 = cov[j, 6], cov[j, 7], cov[j, 8]
         for i in range(3):
@@ -179,11 +172,10 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, turn: Any, size: Any) -> Non
         cov[j, 3] += dt * (f[2] * p1 - f[1] * p2)
         cov[j, 4] += dt * (f[0] * p2 - f[2] * p0)
         cov[j, 5] += dt * (f[1] * p0 - f[0] * p1)
-        if n == 17:
+        if n == 15:
             for i in range(3):
                 cov[j, 3 + i] -= dt * (c[i, 0] * cov[j, 9] + c[i, 1] * cov[j, 10] + c[i, 2] * cov[j, 11])
                 cov[j, 6 + i] -= dt * (c[i, 0] * cov[j, 12] + c[i, 1] * cov[j, 13] + c[i, 2] * cov[j, 14])
-                cov[j, 6 + i] -= dt * (turn[i] * cov[j, 15] - turn[3 + i] * cov[j, 16])
     for i in range(n):
         for j in range(i):
             cov[i, j] = cov[j, i]
@@ -206,23 +198,13 @@ def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, 
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(
-    x: Any, cov: Any, dt: float, sample: Any, change: Any, noise: Any, f: Any, c: Any, turn: Any, size: Any
-) -> None:
+def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any) -> None:
     """Strapdown and covariance over `dt` with `sample` (6,) specific force and rate.
 
-    `change` (3,) is by how much the rate changes a second. Writes the specific force in the world frame, `f` (3,), the
-    mean attitude, `c` (3, 3), and with 17 states `turn` (6,): the rate and its change in the world frame.
+    Writes the specific force in the world frame, `f` (3,), and the mean attitude, `c` (3, 3).
     """
     n = len(size)
     rate0, rate1, rate2 = sample[3] - x[13], sample[4] - x[14], sample[5] - x[15]
-    if n == 17:
-        scale, late_s = 1.0 - x[16], x[17]
-        rate0, rate1, rate2 = (
-            scale * rate0 + late_s * change[0],
-            scale * rate1 + late_s * change[1],
-            scale * rate2 + late_s * change[2],
-        )
     if dt > BRIDGE_S:  # the motion is unknown: the velocity is kept, the covariance grows
         _rotation(x, c)
         for i in range(3):
@@ -241,16 +223,13 @@ def _predict(
             motion = f[i] - (GRAVITY_MPS2 if i == 2 else 0.0)
             x[i] += dt * x[3 + i] + 0.5 * dt * dt * motion
             x[3 + i] += dt * motion
-    if n == 17:
-        for i in range(3):
-            turn[i] = c[i, 0] * rate0 + c[i, 1] * rate1 + c[i, 2] * rate2
-            turn[3 + i] = c[i, 0] * change[0] + c[i, 1] * change[1] + c[i, 2] * change[2]
-    _propagate(cov, dt, f, c, turn, size)
+    _propagate(cov, dt, f, c, size)
+    push = f[0] ** 2 + f[1] ** 2 + (f[2] - GRAVITY_MPS2) ** 2
     for i in range(3):
         if dt <= GAP_S:  # else see `_doubt_gap`
-            cov[3 + i, 3 + i] += noise.accel_density**2 * dt
+            cov[3 + i, 3 + i] += (noise.accel_density**2 + noise.force_fraction**2 * push) * dt
             cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
-        if n == 17:
+        if n == 15:
             cov[9 + i, 9 + i] += BIAS_WALK**2 * dt
             cov[12 + i, 12 + i] += BIAS_WALK**2 * dt
 
@@ -265,7 +244,7 @@ def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool) 
     """
     for row in range(6):
         axis, sign = row // 2, 1.0 - 2.0 * (row % 2)
-        now, before, earlier = sign * gyro[k, axis], sign * previous[4 + axis], sign * previous[10 + axis]
+        now, before, earlier = sign * gyro[k, axis], sign * previous[4 + axis], sign * previous[7 + axis]
         limit = limits[row]
         if is_fresh and now == before and now == earlier and now > HELD_RATE_RADPS and now > 0.985 * limit[1]:
             if now > 1.015 * limit[1]:
@@ -283,9 +262,9 @@ def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool) 
 
 
 @njit(cache=True, error_model="numpy")
-def _find_clipped(memory: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: Any) -> None:
-    """Writes `sigma` (3,), how far off clipping may make the rates of sample k, and their mean excess, in `memory`."""
-    largest, limits, excess = memory.largest_rate, memory.limits, memory.excess
+def _find_clipped(memory: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: Any, excess: Any) -> None:
+    """Writes `sigma` (3,), how far off clipping may make the rates of sample k, and `excess` (3,), what is missing."""
+    largest, limits = memory.largest_rate, memory.limits
     for axis in range(3):
         largest[axis] = max(largest[axis], abs(gyro[k, axis]))
     is_wide = max(largest[0], largest[1], largest[2]) > WIDEST_RATE_RADPS
@@ -341,27 +320,6 @@ def _remember(recent: Any, dt: float, x: Any, sample: Any, f: Any) -> None:
         motion = f[i] - (GRAVITY_MPS2 if i == 2 else 0.0)
         recent[i] += weight * ((sample[3 + i] - x[13 + i]) ** 2 - recent[i])
         recent[3 + i] += weight * (motion**2 - recent[3 + i])
-
-
-@njit(cache=True, error_model="numpy")
-def _doubt_bends(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: int) -> None:
-    """Noise of velocity and attitude from what the signal may have done between two samples.
-
-    As large as the second difference of the last three; of the last two where these are not evenly spaced.
-    """
-    is_even = 0.5 * dt < previous[13] < 2.0 * dt
-    force, turn = 0.0, 0.0
-    for i in range(3):
-        bend_force, bend_turn = accel[k, i] - previous[1 + i], gyro[k, i] - previous[4 + i]
-        if is_even:
-            bend_force -= previous[1 + i] - previous[7 + i]
-            bend_turn -= previous[4 + i] - previous[10 + i]
-        force += bend_force**2
-        turn += bend_turn**2
-    scale = (BEND_FRACTION * dt) ** 2 / 3.0
-    for i in range(3):
-        cov[3 + i, 3 + i] += scale * force
-        cov[6 + i, 6 + i] += scale * turn
 
 
 @njit(cache=True, error_model="numpy")
@@ -432,10 +390,10 @@ def advance(
         record: `Record`, written where `keeps`.
         keeps: Whether the smoother will follow.
     """
-    x, cov, previous, _, _, excess, still, recent, field_heading, size = memory
+    x, cov, previous, _, _, still, recent, field_heading, size = memory
     n = len(size)
-    f, c, turn, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(6), np.zeros(n), np.zeros(n)
-    sample, change, held, clipped = np.zeros(6), np.zeros(3), np.zeros(3, dtype=np.bool_), np.zeros(3)
+    f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
+    sample, excess, held, clipped = np.zeros(6), np.zeros(3), np.zeros(3, dtype=np.bool_), np.zeros(3)
     for k in range(len(t_s)):
         dt = t_s[k] - previous[0]
         nis[k] = np.nan
@@ -443,36 +401,28 @@ def advance(
             record.which[k] = -1
             record.step[k, 0] = 0.0
         if dt > 0.0:
-            weight = 0.5 if noise.takes_mean or dt > GAP_S else 1.0  # across a gap the mean of both ends
+            weight = 0.5 if dt > GAP_S else 1.0  # across a gap the mean of both ends
             for i in range(3):
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
-            if noise.takes_mean and dt <= GAP_S:
-                _doubt_bends(cov, dt, accel, gyro, previous, k)
-                for i in range(3):  # the rotation of a rate that changes linearly: its axis turns, too (coning)
-                    j, m = (i + 1) % 3, (i + 2) % 3
-                    sample[3 + i] += dt / 12.0 * (previous[4 + j] * gyro[k, m] - previous[4 + m] * gyro[k, j])
             is_fresh = False
             finds_clipped = noise.clipped_rate_radps < np.inf
             for i in range(3):
                 is_fresh = is_fresh or accel[k, i] != previous[1 + i]  # where not, the whole sample may be a repetition
             for i in range(3):
-                change[i] = (gyro[k, i] - previous[4 + i]) / dt
                 is_same = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > HELD_RATE_RADPS
                 held[i] = finds_clipped and is_fresh and is_same
             if finds_clipped:
                 _find_limits(memory.limits, gyro, previous, k, is_fresh)
             if dt <= GAP_S:
+                _find_clipped(memory, held, gyro, k, noise, clipped, excess)
                 for i in range(3):
-                    sample[3 + i] += (1.0 - weight) * excess[i]
-                _find_clipped(memory, held, gyro, k, noise, clipped)
-                for i in range(3):
-                    sample[3 + i] += weight * excess[i]
+                    sample[3 + i] += excess[i]
             for i in range(3):
-                previous[7 + i], previous[10 + i] = previous[1 + i], previous[4 + i]
+                previous[7 + i] = previous[4 + i]
                 previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
-            previous[0], previous[13] = t_s[k], dt
-            _predict(x, cov, dt, sample, change, noise, f, c, turn, size)
+            previous[0] = t_s[k]
+            _predict(x, cov, dt, sample, noise, f, c, size)
             if dt > GAP_S:
                 _doubt_gap(cov, dt, sample, recent, f, c)
             _remember(recent, dt, x, sample, f)
@@ -484,8 +434,6 @@ def advance(
                     record.step[k, 1 + i] = f[i]
                     for j in range(3):
                         record.step[k, 4 + 3 * i + j] = c[i, j]
-                for i in range(6):  # an assignment of arrays takes Numba two seconds to compile
-                    record.step[k, 13 + i] = turn[i]
             rate_noise = rate_sigma_radps[k] ** 2
             has_update = False
             if sigma_mps[k] < np.inf:
@@ -500,7 +448,7 @@ def advance(
                     nis[k] += innovation * innovation / variance
                     if keeps:
                         _keep(record, k, i, 3 + i, gain, innovation, variance)
-            if n == 17:
+            if n == 15:
                 is_still = rate_noise < np.inf and dt <= GAP_S  # the rotation in a gap is unknown
                 is_turn_on = _stand(still, x, dt, gyro, k, is_still)
                 if rate_noise < np.inf:

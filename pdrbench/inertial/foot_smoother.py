@@ -11,14 +11,11 @@ from pdrbench.inertial.foot_kernels import NUM_UPDATES, correct
 
 
 @njit(cache=True, error_model="numpy")
-def _transpose_step(v: Any, dt: float, f: Any, c: Any, turn: Any) -> None:
+def _transpose_step(v: Any, dt: float, f: Any, c: Any) -> None:
     """v <- F^T v."""
-    if len(v) == 17:
-        v[16] += dt * (turn[3] * v[6] + turn[4] * v[7] + turn[5] * v[8])
-        v[15] -= dt * (turn[0] * v[6] + turn[1] * v[7] + turn[2] * v[8])
     for i in range(3):
         v3, v6 = v[3 + i], v[6 + i]
-        if len(v) == 17:
+        if len(v) == 15:
             for j in range(3):
                 v[9 + j] -= dt * c[i, j] * v3
                 v[12 + j] -= dt * c[i, j] * v6
@@ -41,13 +38,13 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
         record: `Record` of the forward pass.
         adjoint: (N,) carried from the samples after these, zero at the end of the walk; updated.
         information: (N, N) likewise.
-        size: `NINE` or `SEVENTEEN`.
+        size: `NINE` or `FIFTEEN`.
         out_x: (n, 16) smoothed states.
         out_cov: (n, 4, 4) their covariance of position and heading.
     """
     n_states = len(size)
     error, spread, half, f = np.zeros(n_states), np.zeros(n_states), np.zeros((n_states, 4)), np.zeros(3)
-    c, turn, x = np.zeros((3, 3)), np.zeros(6), np.zeros(record.x.shape[1])
+    c, x = np.zeros((3, 3)), np.zeros(16)
     for k in range(len(record.x) - 1, -1, -1):
         cov = record.cov[k]
         for i in range(n_states):
@@ -56,7 +53,7 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
                 error[i] -= cov[i, j] * adjoint[j]
         x[:] = record.x[k]
         correct(x, error, size)
-        out_x[k] = x[:16]
+        out_x[k] = x
         for i in range(n_states):
             for b in range(4):
                 half[i, b] = 0.0
@@ -92,12 +89,11 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
             f[:] = record.step[k, 1:4]
             for i in range(3):
                 c[i] = record.step[k, 4 + 3 * i : 7 + 3 * i]
-            turn[:] = record.step[k, 13:19]
-            _transpose_step(adjoint, dt, f, c, turn)
+            _transpose_step(adjoint, dt, f, c)
             for i in range(n_states):
-                _transpose_step(information[:, i], dt, f, c, turn)
+                _transpose_step(information[:, i], dt, f, c)
             for i in range(n_states):
-                _transpose_step(information[i], dt, f, c, turn)
+                _transpose_step(information[i], dt, f, c)
             for i in range(n_states):
                 for j in range(i):
                     information[i, j] = information[j, i]

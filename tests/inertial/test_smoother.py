@@ -20,7 +20,7 @@ def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
     return x, cov
 
 
-@pytest.mark.parametrize("params", [LITERAL, FootParams()], ids=["9", "17"])
+@pytest.mark.parametrize("params", [LITERAL, FootParams()], ids=["9", "15"])
 def test_smoothing_never_increases_the_covariance(params: FootParams, measure: Any, rng: Any) -> None:
     measured = measure(walk(12, turn_rad=0.2), rng)
     filtered, smooth_states = navigate(*measured, params), navigate_smoothed(*measured, params)

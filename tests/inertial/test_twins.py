@@ -28,7 +28,7 @@ def tuned(name: str) -> FootParams:
         "9 states": LITERAL,
         "rolling": FootParams(),
         "magnetometer": replace(FREE, field=FieldParams(sigma_rad=math.radians(3.0), gate=2.0)),
-        "clipped, 17 states": FootParams(clipped_rate_radps=2.0),
+        "clipped, 15 states": FootParams(clipped_rate_radps=2.0),
         "switched on with a bias": FootParams(),
         "gap": FootParams(),
         "range": FootParams(),
@@ -44,7 +44,7 @@ def _motion(name: str) -> FootMotion:
     "name",
     [
         *("9 states", "rolling", "magnetometer"),
-        *("clipped, 17 states", "switched on with a bias", "gap", "range"),
+        *("clipped, 15 states", "switched on with a bias", "gap", "range"),
     ],
 )
 def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any) -> None:
@@ -77,7 +77,7 @@ def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_
 
 CASES = {
     "9 states": (LITERAL, 0.003, False),
-    "17 states": (FootParams(), 0.003, False),
+    "15 states": (FootParams(), 0.003, False),
     "magnetometer": (FootParams(field=FieldParams()), 0.003, True),
     "switched on with a bias": (FootParams(), 0.035, False),
 }

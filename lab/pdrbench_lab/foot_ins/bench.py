@@ -19,7 +19,6 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial.foot_filter import LITERAL, FootParams, FootStates, empty_record, empty_states, level
 from pdrbench.inertial.foot_filter import run as run_kernel
 from pdrbench.inertial.foot_kernels import (
-    BEND_FRACTION,
     BIAS_WALK,
     BRIDGE_S,
     CLIPPED_EXCESS_RADPS,
@@ -64,7 +63,7 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
     rounds = 3 if quick else 7
     strides = 30 if quick else 200
     rows = []
-    for name, params in (("filter_9", LITERAL), ("filter_17", FootParams())):
+    for name, params in (("filter_9", LITERAL), ("filter_15", FootParams())):
         tell(name)
         rows += _filter(name, params, strides, rounds)
     tell("detectors")
@@ -220,7 +219,7 @@ class Stage(NamedTuple):
 
 
 class PlainStates(NamedTuple):
-    """States (n, 16 or 18), covariances (n, 4, 4) and NIS (n,) as of `FootStates`, and what the smoother needs."""
+    """States (n, 16), covariances (n, 4, 4) and NIS (n,) as of `FootStates`, and what the smoother needs."""
 
     x: FloatArray
     cov: FloatArray
@@ -281,8 +280,7 @@ def plain_filter(
 ) -> PlainStates:  # fmt: skip
     """Filters n samples after those of `start`, which stays as it is; arguments as of `foot_kernels.advance`."""
     x, cov, previous, size = start.x.copy(), start.cov.copy(), start.previous[:7], len(start.cov)
-    earlier_sample, before_s, recent = start.previous[7:13], start.previous[13], start.recent.copy()
-    limits, excess = Limits(noise), np.zeros(3)
+    earlier_radps, recent, limits = start.previous[7:10], start.recent.copy(), Limits(noise)
     still_s, turned_rad, is_set, field_heading_rad = 0.0, np.zeros(3), False, math.nan
     error = np.zeros(size)
     stages: list[Stage] = []
@@ -303,26 +301,14 @@ def plain_filter(
         is_gap, sample = dt > GAP_S, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
         is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > HELD_RATE_RADPS)
         is_held &= bool(np.any(accel[k] != previous[1:4])) and noise.clipped_rate_radps < math.inf
-        mean, jumps, before = sample, np.zeros(size), previous
-        if is_gap or noise.takes_mean:
-            mean = (sample + before) / 2
-        if noise.takes_mean and not is_gap:
-            mean[4:7] += dt / 12 * np.cross(before[4:7], gyro[k])
-            bends = sample[1:] - before[1:]
-            if 0.5 * dt < before_s < 2 * dt:
-                bends = bends - (before[1:] - earlier_sample)
-            squares = [np.sum(np.square(bends[i : i + 3])) for i in (0, 3)]
-            jumps[3:9] = np.repeat((BEND_FRACTION * dt) ** 2 / 3 * np.array(squares), 3)
-        doubt_radps = np.zeros(3)
-        limits.learn(gyro[k], before[4:7], earlier_sample[3:6], bool(np.any(accel[k] != before[1:4])))
+        before, doubt_radps = previous, np.zeros(3)
+        mean = (sample + before) / 2 if is_gap else sample
+        limits.learn(gyro[k], before[4:7], earlier_radps, bool(np.any(accel[k] != before[1:4])))
         if not is_gap:
-            earlier_excess, weight = excess, 0.5 if noise.takes_mean else 1.0
-            doubt_radps, excess = limits.clipped(gyro[k], is_held)
-            mean = mean + np.concatenate([np.zeros(4), weight * excess + (1 - weight) * earlier_excess])
-        previous, earlier_sample, before_s = sample, before[1:], dt
-        rate, change = mean[4:7] - x[13:16], (sample[4:7] - before[4:7]) / dt
-        if size == 17:
-            rate = (1 - x[16]) * rate + x[17] * change
+            doubt_radps, excess_radps = limits.clipped(gyro[k], is_held)
+            mean = mean + np.concatenate([np.zeros(4), excess_radps])
+        previous, earlier_radps = sample, before[4:7]
+        rate = mean[4:7] - x[13:16]
         x[0:3] += dt * x[3:6]
         if dt > BRIDGE_S:
             force, c = np.zeros(3), _matrix(x[6:10])
@@ -337,14 +323,12 @@ def plain_filter(
         # Covariance of the error (position, velocity, turn of the world frame, biases).
         f = np.eye(size)
         f[0:3, 3:6], f[3:6, 6:9] = dt * np.eye(3), -dt * _cross_matrix(force)
-        if size == 17:
+        if size == 15:
             f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
-            f[6:9, 15], f[6:9, 16] = -dt * c @ rate, dt * c @ change
-        variances = dt * np.square([0.0, noise.accel_density, noise.gyro_density]) * (not is_gap)
-        variances = np.append(variances, np.full(2, dt * BIAS_WALK**2))
-        added = np.zeros((size, size))
-        added[range(min(size, 15)), range(min(size, 15))] = np.repeat(variances, 3)[: min(size, 15)]
         motion = force - [0.0, 0.0, GRAVITY_MPS2]
+        moved = noise.force_fraction**2 * np.sum(motion**2)
+        variances = dt * np.array([0.0, noise.accel_density**2 + moved, noise.gyro_density**2]) * (not is_gap)
+        added = np.diag(np.repeat(np.append(variances, np.full(2, dt * BIAS_WALK**2)), 3)[:size])
         if is_gap:
             now = np.square(np.concatenate([mean[4:7], motion]))
             grown = 2 * min(dt, GAP_SWING_RADPS**2 * dt**3 / 12) ** 2 * np.maximum(recent, now)
@@ -355,7 +339,7 @@ def plain_filter(
         recent += min(dt, 1.0) * (squares_now - recent)
         if not is_gap:
             added[6:9, 6:9] += c @ np.diag(np.square(doubt_radps * dt)) @ c.T
-        cov = predicted = f @ (cov + np.diag(jumps)) @ f.T + added
+        cov = predicted = f @ cov @ f.T + added
         # Zero velocity of the sole over which the unit rolls, zero rate, the bias after turn-on, the magnetic field.
         earlier, rate = error, gyro[k] - x[13:16]
         if np.isfinite(sigma_mps[k]):
@@ -363,7 +347,7 @@ def plain_filter(
             off_mps = rolling_mps - x[3:6]
             doubt = 1.0 + np.sum(off_mps**2 / (np.diag(cov)[3:6] + noise.slip_mps**2))
             out.nis[k] = update(slice(3, 6), off_mps, math.sqrt(doubt) * sigma_mps[k])
-        if size == 17:
+        if size == 15:
             is_still = bool(np.isfinite(rate_sigma_radps[k]))
             stands = is_still and not is_gap
             still_s, turned_rad = (still_s + dt, turned_rad + dt * rate) if stands else (0.0, np.zeros(3))
@@ -376,7 +360,7 @@ def plain_filter(
                     error,
                     True,
                 )
-                cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2), *np.zeros(size - 15)])
+                cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2)])
                 update(slice(12, 15), off, sigma)
             elif is_still:
                 update(slice(12, 15), rate, rate_sigma_radps[k])
@@ -394,7 +378,7 @@ def plain_filter(
 
 
 def corrected(x: FloatArray, error: FloatArray) -> FloatArray:
-    """(16,) or (18,) the state plus an error (9,) or (17,)."""
+    """(16,) the state plus an error (9,) or (15,)."""
     plus = x.copy()
     plus[:6] += error[:6]
     plus[6:10] = _product(_of_rotation(error[6:9]), x[6:10])
@@ -431,7 +415,7 @@ def plain_smooth(filtered: PlainStates) -> tuple[FloatArray, FloatArray]:
     G = P F^T P_predicted^-1, e = G (correction + e_next) and S = P + G (S_next - P_predicted) G^T.
 
     Returns:
-        x: (n, 16) smoothed states; 18 with 17 errors.
+        x: (n, 16) smoothed states.
         cov: (n, 4, 4) covariance of position and heading.
     """
     x, cov, after = filtered.x.copy(), filtered.cov.copy(), None
