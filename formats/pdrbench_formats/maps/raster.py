@@ -32,6 +32,10 @@ from pdrbench_formats.maps.plan import Plan
 MAX_PIXELS: Final = 64_000_000
 DARK: Final = 0.5  # of white: darker pixels are wall
 MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
+ENTRANCES_M: Final = (0.0, 1.1, 2.0)  # wall to wall: closed, one leaf, two leaves
+MOST_INSIDE: Final = 0.8  # of what is inside with the widest entrance closed: less leaks out through one
+MIN_OF_HULL: Final = 0.1  # of what walls span: less floor is what letters enclose
+MIN_ROOM_M2: Final = 4.0  # smaller ones all round which another room lies are tables, columns and letters
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
 SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
@@ -103,7 +107,7 @@ def _grey(path: Path) -> FloatArray:
                 white = Image.new("RGBA", rgba.size, "white")
                 image = Image.alpha_composite(white, rgba)  # type: ignore[assignment]
             grey: FloatArray = np.asarray(image.convert("L"), dtype=np.float64) / 255.0
-    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise MapError(f"{path}: no picture that can be read ({error}); save it as PNG") from error
     return grey
 
@@ -121,32 +125,56 @@ def _skimage() -> Any:
 def _inside(grey: FloatArray, builder: BuildingBuilder, picture: Picture, place: Path) -> BoolArray:
     """Bright pixels that walls enclose; walls are found by a threshold between theirs and that of the paper."""
     bright = grey > (DARK if picture.dark is None else picture.dark)
+    if bright.mean() < MIN_BRIGHT and picture.dark is None:
+        bright = ~bright
+        builder.note("light walls", f"{bright.mean():.0%} of the picture is dark: what is light was taken for wall")
     if bright.mean() < MIN_BRIGHT:
-        raise MapError(
-            f"{place}: {1 - bright.mean():.0%} of the picture is dark: light walls on dark paper, or a wrong `dark`? "
-            f"Save it with dark walls on white, or set `dark` in the table"
-        )
+        raise MapError(f"{place}: {1 - bright.mean():.0%} of the picture is wall: a wrong `dark`? Set it in the table")
     inside = _enclosed(bright, picture.metres_per_pixel)
     if inside is None and picture.dark is None and np.ptp(grey) > 0.1:
         level = float(_skimage().filters.threshold_otsu(grey))
         inside = _enclosed(grey > level, picture.metres_per_pixel)
         if inside is not None:
+            bright = grey > level
             builder.note("threshold found", f"walls are pale: what is darker than {level:.2f} of white", picture.level)
     if inside is None:
         builder.note("walls not closed", "no wall encloses any floor: all that is bright was taken", picture.level)
         return bright
-    return inside
+    if inside[1]:
+        what = f"the outer wall has gaps of up to {inside[1]:g} m, which were closed to find what is inside"
+        builder.note("walls not closed", what, picture.level)
+    hull = _skimage().morphology.convex_hull_image(~bright)
+    if inside[0].sum() < MIN_OF_HULL * hull.sum():
+        what = f"{inside[0].sum() / hull.sum():.0%} of what walls span is floor: is the outer wall open, `dark` wrong?"
+        builder.note("floor doubtful", what, picture.level)
+    return inside[0]
 
 
-def _enclosed(bright: BoolArray, metres_per_pixel: float) -> BoolArray | None:
-    """Bright pixels without the paper round the plan; None where no wall encloses any."""
+def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, float] | None:
+    """Bright pixels where no disc gets from the border of the picture, and how wide that is; None where there are none.
+
+    The disc is a point, or as wide as an open entrance where that leaves much more inside.
+    """
+    from scipy import ndimage
+
     skimage = _skimage()
     radius = max(1, round(CLOSE_M / metres_per_pixel / 2))
     walls = skimage.morphology.closing(~bright, skimage.morphology.disk(radius))
-    labels = skimage.measure.label(~walls, connectivity=1)
-    border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    inside: BoolArray = (labels > 0) & ~np.isin(labels, border[border > 0])
-    return None if inside.sum() * metres_per_pixel**2 < MIN_AREA_M2 else inside
+    if not walls.any():
+        return None
+    found = []
+    for wide_m in ENTRANCES_M:
+        half = wide_m / metres_per_pixel / 2
+        margin = int(half) + 2  # of paper, from which the disc comes
+        padded = np.pad(walls, margin)
+        labels = skimage.measure.label(ndimage.distance_transform_edt(~padded) > half, connectivity=1)
+        outside = ndimage.distance_transform_edt(labels != labels[0, 0]) <= half
+        found.append(~walls & ~outside[margin:-margin, margin:-margin])
+    areas = [int(inside.sum()) for inside in found]
+    if max(areas) * metres_per_pixel**2 < MIN_AREA_M2:
+        return None
+    best = next(k for k, area in enumerate(areas) if area >= MOST_INSIDE * max(areas))
+    return found[best], ENTRANCES_M[best]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +202,11 @@ def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, origin: _Or
     polygons = [polygon for polygon in trace(free) if polygon.area * origin.metres_per_pixel**2 >= MIN_AREA_M2]
     if not polygons:
         raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
-    for number, polygon in enumerate(polygons):
+    filled = shapely.union_all([shapely.Polygon(hole) for polygon in polygons for hole in polygon.interiors])
+    small = [p.area * origin.metres_per_pixel**2 < MIN_ROOM_M2 and filled.contains(p) for p in polygons]
+    if any(small):
+        builder.note("furniture left out", f"{sum(small)} small areas inside of rooms are no rooms", level)
+    for number, polygon in enumerate(p for p, is_small in zip(polygons, small, strict=True) if not is_small):
         builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{number}", walled=False)
 
 
