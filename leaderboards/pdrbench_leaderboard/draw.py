@@ -37,7 +37,7 @@ from pdrbench_leaderboard.boards import BoardEnvironment, Part
 from pdrbench_leaderboard.canaries import Canary, crossed, cut_short, plan
 
 OBSERVATIONS, TRUTH, INDEX_FILE, TASK_FILE = "observations", "truth", "index", "task.py"
-CANARIES_FILE: Final = "canaries"  # beside the truth
+CANARIES_FILE, MADE_BY_FILE = "canaries", "made_by"  # beside the truth
 SUFFIX: Final = ".walk"
 LEVEL: Final = 1  # of zlib: a fifth of the time of level 6 for a tenth more bytes
 NAME_DIGITS: Final = 16
@@ -70,7 +70,6 @@ class Index(msgspec.Struct, frozen=True):
     """What is the same for all walks of a drawn part."""
 
     env: str
-    made_by: str  # versions of what drew it
     nonce: str  # of the localizers' randomness
     sensors: tuple[SensorSpec, ...]
     capacity: dict[str, int]
@@ -114,6 +113,13 @@ class DrawnPart:
     def index(self) -> Index:
         """What is known of all walks."""
         return read_index(self.observations)
+
+    @property
+    def made_by(self) -> str:
+        """Versions of what drew it; not of the index, which says what was given: the same walks of a newer version are
+        those that were played."""
+        path = self.truth / MADE_BY_FILE
+        return path.read_text(encoding="ascii") if path.is_file() else ""
 
     @property
     def canaries(self) -> dict[str, Canary]:
@@ -162,7 +168,7 @@ def draw(
     drawn = DrawnPart(listed.env, part, folder)
     now = made_by(listed)
     is_there = all(of.is_file() for of in (drawn.observations / INDEX_FILE, drawn.truth / CANARIES_FILE))
-    if is_there and drawn.index.made_by == now:
+    if is_there and drawn.made_by == now:
         return drawn
     task = make_task(listed.env, secret)
     names = opaque_names(listed, part, secret)
@@ -180,7 +186,6 @@ def draw(
     walks |= {name: _sha256(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
     index = Index(
         env=task.id,
-        made_by=now,
         nonce=secret_nonce(secret),
         sensors=task.sensors,
         capacity=dict(task.capacity),
@@ -193,6 +198,7 @@ def draw(
     source = TASK_SOURCE.format(sha256=hashlib.sha256(content).hexdigest())
     write_whole(drawn.observations / TASK_FILE, source.encode())
     write_whole(drawn.observations / INDEX_FILE, content)
+    write_whole(drawn.truth / MADE_BY_FILE, now.encode())
     return drawn
 
 

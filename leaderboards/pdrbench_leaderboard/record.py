@@ -120,7 +120,7 @@ def part_walks(drawn: DrawnPart, round_number: int) -> PartWalks:
         env=drawn.env,
         part=drawn.part,
         round=round_number,
-        made_by=index.made_by,
+        made_by=drawn.made_by,
         sha256=walks_sha256(index),
         walks=tuple(walks),
         declined={},
