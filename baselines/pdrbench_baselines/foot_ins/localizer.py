@@ -12,17 +12,19 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray, path_heading_rad
+from pdrbench.geometry import FloatArray, IntArray, path_heading_rad
 from pdrbench.inertial import (
     DETECTORS,
     LITERAL,
     FootFilter,
     FootParams,
     FootStates,
+    LevelTracker,
     Strides,
     StrideSegmenter,
     check_units,
     find_strides,
+    level_heights,
     navigate_smoothed,
 )
 from pdrbench.inertial.pairing import SamplePairs
@@ -43,7 +45,7 @@ class FootInsParams:
             et al. 2010, `interval` of Frank et al. 2009 (F6), `soft` of foot_ins_robust.
         aligned_after_m: Length of the walk over which the track is turned to the heading of the start, through the
             places where the foot stood; until then along the displacement so far.
-        level_height_m: Rise that counts as a level.
+        level_height_m: Rise that counts as a level, where no height of a level is known.
         revises: Whether the samples are kept, from which `revise` smooths the track.
     """
 
@@ -89,6 +91,7 @@ class FootIns:
         self._uses_field = self._filter_params.field is not None and "mag" in briefing.sensors
         self._pairs = SamplePairs()
         self._rows: list[FloatArray] = []
+        self._steps_s: FloatArray = np.zeros(0)  # of this observation
         self._travel_rad: float | None = None
         self._turn_rad, self._is_aligned = 0.0, False
         self._stood_m: FloatArray = np.zeros((1, 2))
@@ -126,8 +129,12 @@ class FootIns:
         self._is_aligned = False
         self._stood_m = np.zeros((1, 2))
         self._align(find_strides(states), xyz_m[-1])
-        level = self._start.level + np.rint(xyz_m[:, 2] / self._params.level_height_m)
+        level = self._levels(states.t_s[chosen], xyz_m[:, 2])
         return np.column_stack([states.t_s[chosen], self._placed(xyz_m[:, :2]), level, states.sigma_m[chosen]])
+
+    def _levels(self, t_s: FloatArray, rise_m: FloatArray) -> IntArray:
+        """(k,) levels at some times, where the foot is so much above the start."""
+        return self._start.level + np.rint(rise_m / self._params.level_height_m).astype(np.int64)
 
     def _field(self, observation: Observation, t_s: FloatArray) -> FloatArray | None:
         """(n, 3) the magnetic field at the samples that have one."""
@@ -154,6 +161,7 @@ class FootIns:
     def _follow(self, states: FootStates) -> None:
         """Turns what the filter knows into the answer."""
         strides = self._segmenter.update(states)
+        self._steps_s = np.column_stack([(strides.start_s + strides.end_s) / 2, strides.end_s]).ravel()  # of both feet
         if len(strides.heading_rad):
             self._travel_rad = float(strides.heading_rad[-1])
         if np.isnan(states.x[-1, 0]):
@@ -162,7 +170,7 @@ class FootIns:
         self._align(strides, self._last)
         self._estimate = Estimate(
             xy_m=self._placed(self._last[:2]),
-            level=self._start.level + round(float(self._last[2]) / self._params.level_height_m),
+            level=int(self._levels(states.t_s[-1:], self._last[2:])[0]),
             heading_rad=None if self._travel_rad is None else self._travel_rad + self._turn_rad,
             sigma_m=max(float(states.sigma_m[-1]), 1e-3),
         )
@@ -190,8 +198,9 @@ class FootIns:
 class FootInsRobust(FootIns):
     """Navigates by a shoe with one set of settings for any gait and unit; see `FootParams`.
 
-    Zero velocities are soft, and doubted as far as the filter knows the foot to move; biases, scale and lag of the
-    gyroscope, the clock and the range of the sensor are estimated on the way.
+    Zero velocities are soft, and doubted as far as the filter knows the foot to move; biases, the clock and the range
+    of the sensor are estimated on the way. Levels are those of a barometer, if there is one: a lift carries a shoe that
+    stands. Without one the nearest of the heights of the building counts, if there is a building.
 
     Args:
         params: See `FootInsParams`.
@@ -199,3 +208,31 @@ class FootInsRobust(FootIns):
 
     def __init__(self, params: FootInsParams = FOOT_INS_ROBUST) -> None:
         super().__init__(params)
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        super().reset(briefing, rng)
+        heights_m = {} if briefing.building is None else level_heights(briefing.building)
+        self._heights_m = heights_m if self._start.level in heights_m else {}
+        has_air = "baro" in briefing.sensors
+        self._tracker = LevelTracker(self._start.level, self._heights_m or None) if has_air else None
+        self._changed: list[tuple[float, int]] = [(-math.inf, self._start.level)]  # when, and to which level
+
+    def step(self, observation: Observation) -> Estimate:
+        self._steps_s = np.zeros(0)
+        estimate = super().step(observation)
+        if self._tracker is None:
+            return estimate
+        for change in self._tracker.update(observation["baro"], self._steps_s):
+            self._changed.append((change.t_s, self._changed[-1][1] + change.levels))
+        self._estimate = replace(estimate, level=self._tracker.level)
+        return self._estimate
+
+    def _levels(self, t_s: FloatArray, rise_m: FloatArray) -> IntArray:
+        if self._tracker is not None:
+            since_s, levels = zip(*self._changed, strict=True)
+            return np.array(levels)[np.searchsorted(since_s, t_s, side="right") - 1]
+        if not self._heights_m:
+            return super()._levels(t_s, rise_m)
+        levels, heights_m = np.array(list(self._heights_m)), np.array(list(self._heights_m.values()))
+        off_m = np.abs(rise_m[:, None] + self._heights_m[self._start.level] - heights_m)
+        return levels[off_m.argmin(axis=1)]

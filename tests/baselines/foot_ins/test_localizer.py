@@ -149,3 +149,26 @@ def test_every_detector_is_a_localizer_of_its_own(name: str) -> None:
     length_m = NUM_STRIDES * STRIDE_M
     end_m = walk_with(make_localizer(f"foot_ins?detector={name}"), accel, gyro, 0.0)[-1].xy_m - START_M
     assert end_m == pytest.approx([length_m, 0.0], abs=0.1 * length_m)
+
+
+def test_a_lift_is_in_the_barometer() -> None:
+    """The shoe stands on a floor that rises by 4 m, and zero velocities would have it stay."""
+    motion = walk(NUM_STRIDES, length_m=STRIDE_M, still_s=8.0)
+    now_s = np.arange(0.0, motion.t_s[-1] + 4.0, 0.1)
+    rise_m = 4.0 * np.clip((now_s - motion.t_s[-1] + 7.0) / 4.0, 0.0, 1.0)
+    air = np.column_stack([now_s, 1013.0 - 0.12 * rise_m])
+    briefing = brief(0.0)
+    localizer = FootInsRobust()
+    sensors = {**briefing.sensors, "baro": sensor_spec("baro")}
+    localizer.reset(replace(briefing, sensors=sensors), np.random.default_rng(0))
+    accel, gyro = rows_of(motion)
+    levels = []
+    for tick in range(1, round(motion.t_s[-1] / PERIOD_S)):
+        low, high = (tick - 1) * PERIOD_S, tick * PERIOD_S
+        streams = {"accel": accel, "gyro": gyro, "baro": air}
+        due = {name: rows[(rows[:, 0] > low - 1e-9) & (rows[:, 0] <= high - 1e-9)] for name, rows in streams.items()}
+        levels.append(localizer.step(Observation(high, due)).level)
+    assert levels[round((motion.t_s[-1] - 7.5) / PERIOD_S)] == 0
+    assert levels[-1] == 1
+    revised = localizer.revise()
+    assert revised is not None and set(revised[:, 3]) == {0.0, 1.0}
