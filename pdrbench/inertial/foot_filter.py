@@ -276,13 +276,13 @@ def level(now_s: float, accel: FloatArray, params: FootParams) -> Memory:
     mean = accel.mean(axis=0)
     up = mean / np.linalg.norm(mean)
     spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / GRAVITY_MPS2
-    size: tuple[int, ...] = FIFTEEN if params.estimates_biases else NINE
+    size = FIFTEEN if params.estimates_biases else NINE
     x = np.zeros(16)
     x[6:10] = _levelled(up)
-    sigma = np.zeros(len(size))
+    sigma = np.zeros(size)
     sigma[3:6] = params.detector.sigma_mps
     sigma[6:8] = LEVEL_SIGMA_RAD + spread
-    ties = np.eye(len(size))
+    ties = np.eye(size)
     if params.estimates_biases:  # the vertical errs by the accelerometer's bias over gravity
         body = to_world(x[6:10], np.eye(3))  # its axes in the world
         ties[6:8, 9:12] = np.array([-body[:, 1], body[:, 0]]) / GRAVITY_MPS2

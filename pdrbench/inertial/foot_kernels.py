@@ -17,8 +17,8 @@ from numba import njit
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
-NINE: Final = (0,) * 9
-FIFTEEN: Final = (0,) * 15
+NINE: Final = 9
+FIFTEEN: Final = 15
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
@@ -69,7 +69,7 @@ class Memory(NamedTuple):
         recent: (6,) mean square, over about a second, of the rate about each axis and of the acceleration along each
             axis of the world.
         field_heading: (1,) direction of the magnetic field in the world frame, NaN until one has been measured.
-        size: `NINE` or `FIFTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
+        size: `NINE` or `FIFTEEN`, the N of `cov`.
     """
 
     x: FloatArray
@@ -80,7 +80,7 @@ class Memory(NamedTuple):
     still: FloatArray
     recent: FloatArray
     field_heading: FloatArray
-    size: tuple[int, ...]
+    size: int
 
     def copy(self) -> Memory:
         """The same in arrays of its own."""
@@ -145,7 +145,7 @@ def correct(x: Any, error: Any, size: Any) -> None:
     for i in range(6):
         x[i] += error[i]
     _set_product(x, _half_turn(error[6], error[7], error[8]), (x[6], x[7], x[8], x[9]))
-    if len(size) == 15:
+    if size == 15:
         for i in range(6):
             x[10 + i] += error[9 + i]
 
@@ -153,7 +153,7 @@ def correct(x: Any, error: Any, size: Any) -> None:
 @njit(cache=True, error_model="numpy")
 def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
     """cov <- F cov F^T, with F the transition of the error; each row needs only rows that come after it."""
-    n = len(size)
+    n = size
     for j in range(n):
         p0, p1, p2 = cov[6, j], cov[7, j], cov[8, j]
         for i in range(3):
@@ -184,7 +184,7 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
 @njit(cache=True, error_model="numpy")
 def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, gain: Any, size: Any) -> Any:
     """Kalman update of the error with a measurement of one of its states; returns the variance of the innovation."""
-    n = len(size)
+    n = size
     variance = cov[index, index] + noise
     scale = 1.0 / variance
     for i in range(n):
@@ -203,7 +203,7 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
 
     Writes the specific force in the world frame, `f` (3,), and the mean attitude, `c` (3, 3).
     """
-    n = len(size)
+    n = size
     rate0, rate1, rate2 = sample[3] - x[13], sample[4] - x[14], sample[5] - x[15]
     if dt > BRIDGE_S:  # the motion is unknown: the velocity is kept, the covariance grows
         _rotation(x, c)
@@ -391,7 +391,7 @@ def advance(
         keeps: Whether the smoother will follow.
     """
     x, cov, previous, _, _, still, recent, field_heading, size = memory
-    n = len(size)
+    n = size
     f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
     sample, excess, held, clipped = np.zeros(6), np.zeros(3), np.zeros(3, dtype=np.bool_), np.zeros(3)
     for k in range(len(t_s)):
@@ -405,10 +405,9 @@ def advance(
             for i in range(3):
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
-            is_fresh = False
+            # Where the force repeats, the whole sample may be a repetition
+            is_fresh = accel[k, 0] != previous[1] or accel[k, 1] != previous[2] or accel[k, 2] != previous[3]
             finds_clipped = noise.clipped_rate_radps < np.inf
-            for i in range(3):
-                is_fresh = is_fresh or accel[k, i] != previous[1 + i]  # where not, the whole sample may be a repetition
             for i in range(3):
                 is_same = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > HELD_RATE_RADPS
                 held[i] = finds_clipped and is_fresh and is_same

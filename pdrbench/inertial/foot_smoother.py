@@ -42,7 +42,7 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
         out_x: (n, 16) smoothed states.
         out_cov: (n, 4, 4) their covariance of position and heading.
     """
-    n_states = len(size)
+    n_states = size
     error, spread, half, f = np.zeros(n_states), np.zeros(n_states), np.zeros((n_states, 4)), np.zeros(3)
     c, x = np.zeros((3, 3)), np.zeros(16)
     for k in range(len(record.x) - 1, -1, -1):
@@ -51,9 +51,11 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
             error[i] = 0.0
             for j in range(n_states):
                 error[i] -= cov[i, j] * adjoint[j]
-        x[:] = record.x[k]
+        for i in range(16):  # an assignment of arrays takes Numba seconds to compile
+            x[i] = record.x[k, i]
         correct(x, error, size)
-        out_x[k] = x
+        for i in range(16):
+            out_x[k, i] = x[i]
         for i in range(n_states):
             for b in range(4):
                 half[i, b] = 0.0
@@ -86,12 +88,17 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
             information[h, h] += weight + 1.0 / variance
         dt = record.step[k, 0]
         if dt > 0.0:
-            f[:] = record.step[k, 1:4]
             for i in range(3):
-                c[i] = record.step[k, 4 + 3 * i : 7 + 3 * i]
+                f[i] = record.step[k, 1 + i]
+                for j in range(3):
+                    c[i, j] = record.step[k, 4 + 3 * i + j]
             _transpose_step(adjoint, dt, f, c)
-            for i in range(n_states):
-                _transpose_step(information[:, i], dt, f, c)
+            for i in range(n_states):  # a column is copied, so that the step is compiled for one layout
+                for j in range(n_states):
+                    spread[j] = information[j, i]
+                _transpose_step(spread, dt, f, c)
+                for j in range(n_states):
+                    information[j, i] = spread[j]
             for i in range(n_states):
                 _transpose_step(information[i], dt, f, c)
             for i in range(n_states):

@@ -111,7 +111,8 @@ def _turn(q: FloatArray, x: float, y: float, z: float, in_world: bool) -> None:
     q[2] = w * c - i * d + j * a + k * b
     q[3] = w * d + i * c - j * b + k * a
     norm = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
-    q /= norm
+    for n in range(4):  # an operation on arrays takes Numba a second to compile
+        q[n] /= norm
 
 
 @compiled
@@ -168,4 +169,5 @@ def _follow(
                     state[6] += dt
                     fraction = 1.0 if begins else min(dt / min(compass_s, state[6] + dt), 1.0)
                     _turn(q, 0.0, 0.0, math.atan2(bx, by) * fraction, True)
-        attitude[n] = q
+        for m in range(4):
+            attitude[n, m] = q[m]

@@ -96,13 +96,13 @@ def swung(motion: FootMotion) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("size", [NINE, FIFTEEN], ids=["9", "15"])
-def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None:
+def test_errors_are_as_large_as_claimed(size: int, rng: Any) -> None:
     """Everything is drawn from the model of the filter: at rest the true velocity is white noise of sigma, noise is
     white, the prior is true. Then the sum of e^T P^-1 e over all runs is chi-square with 40 N degrees of freedom."""
     params = replace(FREE, force_fraction=0.0, slip_mps=math.inf)
-    noise, sigma = params.noise(), np.zeros(len(size))
+    noise, sigma = params.noise(), np.zeros(size)
     sigma[3:6], sigma[6:8] = 0.01, LEVEL_SIGMA_RAD
-    if size is FIFTEEN:
+    if size == FIFTEEN:
         sigma[9:12], sigma[12:15] = 0.05, math.radians(0.05)
     motion, dt = walk(4, turn_rad=0.4, rise_m=0.17), 1 / 200
     count = len(motion)
@@ -113,8 +113,8 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         motion_mps2 = np.diff(velocity, axis=0, prepend=velocity[:1]) / dt
         moved = dt * np.roll(velocity, 1, axis=0) + 0.5 * dt**2 * motion_mps2
         moved[0] = 0.0
-        error = sigma * rng.standard_normal(len(size))
-        bias = error[9:15] if size is FIFTEEN else np.zeros(6)
+        error = sigma * rng.standard_normal(size)
+        bias = error[9:15] if size == FIFTEEN else np.zeros(6)
         force = np.einsum("nji,nj->ni", half_way, motion_mps2 + np.array([0, 0, GRAVITY_MPS2]))
         accel = force + bias[:3] + noise.accel_density / math.sqrt(dt) * rng.standard_normal((count, 3))
         gyro = motion.gyro + bias[3:] + noise.gyro_density / math.sqrt(dt) * rng.standard_normal((count, 3))
@@ -129,10 +129,10 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         states = empty_states(motion.t_s, Rest(rest, np.full(count, np.inf), np.zeros(count)))
         run(memory, states, accel, gyro, np.full((count, 3), np.nan), noise)
         turn = Rotation.from_quat(truth[[7, 8, 9, 6]]) * Rotation.from_quat(memory.x[[7, 8, 9, 6]]).inv()
-        off = np.concatenate([(truth - memory.x)[:6], turn.as_rotvec(), (truth - memory.x)[10:]])[: len(size)]
+        off = np.concatenate([(truth - memory.x)[:6], turn.as_rotvec(), (truth - memory.x)[10:]])[:size]
         nees.append(off @ np.linalg.solve(memory.cov, off))
         nis.append(np.nanmean(states.nis))
-    low, high = stats.chi2.ppf([0.001, 0.999], NUM_RUNS * len(size))
+    low, high = stats.chi2.ppf([0.001, 0.999], NUM_RUNS * size)
     assert low < np.sum(nees) < high
     # Some 600 rests a run, each chi-square with 3 degrees of freedom and independent: sigma of the mean is 0.016.
     assert np.mean(nis) == pytest.approx(3.0, abs=0.06)
