@@ -137,7 +137,7 @@ def walk_tile(
     _weigh(through[: len(x)], same, weight)
     others = _next_crossed(line, first_line, x, y, xe, ye, same, alone[:few], reached, at, through, weight)
     begin, count = count, count + others
-    which[begin:count] = alone[:others]
+    _copy(alone[:others], which[begin:count])
     total = 0
     for crossing in range(MAX_CROSSINGS):
         if count == 0:
@@ -158,6 +158,12 @@ def walk_tile(
         cells[i] = reached[i]
         if climbed != 0.0 and weight[i] > ZERO:
             weight[i] = _height_weight(rise - climbed, sigma)
+
+
+@compiled
+def _copy(number: Any, which: Any) -> None:
+    for k in range(len(number)):  # an assignment of arrays takes Numba seconds to compile
+        which[k] = number[k]
 
 
 @compiled

@@ -65,7 +65,12 @@ def cluster(cloud: ParticleCloud, building: Building, eps_m: float = 2.0) -> Clu
         eps_m: Largest distance between neighbours.
     """
     first, near = near_polygons(building, eps_m)
-    label, sums = _link(cloud.xy_m, cloud.heading_rad, cloud.polygon, cloud.weight, float(eps_m), first, near)
+    live = np.flatnonzero(cloud.weight > 0.0)
+    found, sums = _link(cloud.xy_m, cloud.heading_rad, cloud.polygon, cloud.weight, live, float(eps_m), first, near)
+    order = np.argsort(-sums[:, 0], kind="stable")
+    rank = np.full(len(sums) + 1, NO_CLUSTER)  # the last for `NO_CLUSTER` itself
+    rank[order] = np.arange(len(sums))
+    label, sums = rank[found], sums[order]
     return Clusters(
         label=label,
         fraction=sums[:, 0],
@@ -130,20 +135,26 @@ def _link(
     heading_rad: FloatArray,
     polygon: IntArray,
     weight: FloatArray,
+    live: IntArray,
     eps_m: float,
     first_near: IntArray,
     near: IntArray,
 ) -> tuple[IntArray, FloatArray]:
-    """Labels particles, heaviest cluster first, and sums up each cluster; see `cluster`.
+    """Labels particles, and sums up each cluster; see `cluster`. `live` are the particles with a weight.
 
     Returns:
         label: (N,).
         sums: (C, 6) fraction, mean x, mean y, heading, sigma, polygon.
     """
-    member, first_member = _components(xy_m, polygon, np.flatnonzero(weight > 0.0), eps_m, first_near, near)
+    member, first_member = _components(xy_m, polygon, live, eps_m, first_near, near)
     count = len(first_member) - 1
     sums = np.empty((count, 6))
-    total = weight.sum()
+    total = 0.0
+    for i in range(len(weight)):
+        total += weight[i]
+    label = np.empty(len(weight), dtype=np.int64)
+    for i in range(len(label)):
+        label[i] = NO_CLUSTER
     in_polygon = np.zeros(len(first_near) - 1)
     for c in range(count):
         _summarise(
@@ -152,12 +163,9 @@ def _link(
             in_polygon,
             sums[c],
         )
-    order = np.argsort(-sums[:, 0], kind="mergesort")
-    label = np.full(len(weight), NO_CLUSTER, dtype=np.int64)
-    for rank in range(count):
-        c = order[rank]
-        label[member[first_member[c] : first_member[c + 1]]] = rank
-    return label, sums[order]
+        for k in range(first_member[c], first_member[c + 1]):
+            label[member[k]] = c
+    return label, sums
 
 
 @compiled

@@ -207,8 +207,10 @@ def _next_generation(
 def _accumulate(particles: Any, cumulative: FloatArray, guide: IntArray) -> None:
     """Partial sums of the weights, and for every j of N the first of them above j/N of the last."""
     count = len(cumulative)
-    cumulative[:] = np.cumsum(particles["weight"])
-    j = 0
+    total, j = 0.0, 0
+    for i in range(count):  # an assignment of arrays takes Numba seconds to compile
+        total += particles[i].weight
+        cumulative[i] = total
     for i in range(count):
         while j < count and j * cumulative[-1] < count * cumulative[i]:
             guide[j] = i
