@@ -65,7 +65,7 @@ def try_(
         from pdrbench.evaluation import Results, evaluate
         from pdrbench.result import shown_name
         from pdrbench_formats.taskfile import walks_of_file
-        from pdrbench_formats.taskfile.advice import ADVISED, STANDING, advised, believed, doubts, lacks_heading
+        from pdrbench_formats.taskfile.advice import ADVISED, STANDING, advised, believed, doubts, is_aligned
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
         from pdrbench_formats.taskfile.suitable import declined_results
 
@@ -107,7 +107,7 @@ def try_(
     for file in written:
         if file.suffix == ".png":
             say(f"drawn in {file}")
-    _print(walks, named, rows, lacks_heading(walks))
+    _print(walks, named, rows, is_turned=is_aligned(walks))
     if plays_all or localizer:
         for reason, declining in _by_reason((*named, *declined)).items():
             note(f"not played, {reason}: {', '.join(declining)}")
@@ -197,7 +197,7 @@ def _print_json(
     )
 
 
-def _print(walks: Walks, results: Sequence[Result], rows: Sequence[Mapping[str, Any]], is_aligned: bool) -> None:
+def _print(walks: Walks, results: Sequence[Result], rows: Sequence[Mapping[str, Any]], *, is_turned: bool) -> None:
     """Errors where there are places, else lengths and ends; and what became of answers that are not complete."""
     from pdrbench.cli.scoreboard import print_scores
     from pdrbench.evaluation.wording import COLUMNS, incidents
@@ -205,11 +205,11 @@ def _print(walks: Walks, results: Sequence[Result], rows: Sequence[Mapping[str, 
     from pdrbench_formats.pages.tried import path_rows
     from pdrbench_formats.taskfile.advice import ALIGNED
 
-    if rows and is_aligned:
+    if rows and is_turned:
         say(f"no heading at the start is known: {ALIGNED} is of paths turned onto the places; --heading settles it")
     paths = path_rows(results)
     if rows:
-        print_scores(rows, (ALIGNED, *COLUMNS) if is_aligned else None)
+        print_scores(rows, (ALIGNED, *COLUMNS) if is_turned else None)
     elif paths:
         head: dict[str, Mapping[str, Any]] = {name: {"justify": "right", "no_wrap": True} for name in paths[0]}
         cells = [

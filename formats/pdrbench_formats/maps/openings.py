@@ -53,7 +53,8 @@ def with_doors(plan: Plan, doors: str) -> Plan:
     """
     if doors not in DOORS:
         raise PdrbenchError(f"doors are one of {', '.join(DOORS)}; got {doors!r}")
-    building, opened = plan.building, ()
+    building = plan.building
+    opened: tuple[Repair, ...] = ()
     if doors != "none" and unreachable(building).any():
         made = _Opened(building, is_wide=doors == "wide")
         building, opened = made.building(), tuple(made.repairs)

@@ -331,7 +331,7 @@ def _features(elements: Sequence[_Element], path: Path) -> Iterator[Feature]:
 
 def _line(geometry: Sequence[Mapping[str, float] | None] | None) -> Line:
     """Places of an element that Overpass was asked for `out geom`; it leaves out those beyond its box."""
-    return [(place["lon"], place["lat"]) for place in geometry or () if place]
+    return [(place["lon"], place["lat"]) for place in geometry or () if place and {"lon", "lat"} <= place.keys()]
 
 
 def _multipolygon(relation: _Element, ways: Mapping[int | str, Line]) -> Any:

@@ -24,6 +24,7 @@ ON_PLAN: Final = ("fusion", "li2012")  # of three walks without a heading fusion
 STANDING: Final = "stay"  # is right at the end of every loop, and wrong on the way
 NUM_ADVISED: Final = 3  # as many paths as a picture shows apart
 ALIGNED: Final = "ate_se2_aligned_m"
+MIN_PLACES: Final = 3  # two are turned onto any other two of the same distance
 STILL_MPS2: Final = 0.3  # standard deviation of |a| in a second: steps of a shuffling walker have three times that
 OUTSIDE: Final = 0.2  # of a path: more is not the noise of a path along a wall
 
@@ -37,6 +38,12 @@ def advised(suited: Iterable[str], walks: Walks) -> tuple[str, ...]:
 def order(walks: Walks) -> tuple[str, ...]:
     """`ADVISED`; without a heading at the start, which lets walls choose a wrong way, those on the plan come last."""
     return tuple(sorted(ADVISED, key=lambda name: name in ON_PLAN)) if lacks_heading(walks) else ADVISED
+
+
+def is_aligned(walks: Walks) -> bool:
+    """Whether paths are turned onto the places before they are compared: no heading, and places enough for a shape."""
+    places = [int(walks.task.load(walk).reference.surveyed.sum()) for walk in walks.facts if walk not in walks.refused]
+    return lacks_heading(walks) and min(places, default=0) >= MIN_PLACES
 
 
 def lacks_heading(walks: Walks) -> bool:
@@ -56,7 +63,9 @@ def believed(rows: Sequence[Mapping[str, Any]], results: Sequence[Result], walks
     played = {result.localizer: None for result in results if result.localizer not in broken | {STANDING}}
     if not played:
         return "", "no localizer to believe: none played every walk; the reasons stand below"
-    metric, what = (ALIGNED, "once turned onto") if lacks_heading(walks) else (RANKING, "at")
+    if all(_lay_still(walks.task.load(walk)) for walk in walks.facts if walk not in walks.refused):
+        return "", "no localizer to believe: the device lay still all the time, nobody walked"
+    metric, what = (ALIGNED, "once turned onto") if is_aligned(walks) else (RANKING, "at")
     errors = {
         shown_name(row["localizer"], row["division"]): row["metrics"][metric]["value"]
         for row in rows
@@ -84,7 +93,7 @@ def doubts(walks: Walks, results: Sequence[Result], best: str) -> Iterator[str]:
     """What cannot be meant of a walk, a sentence each: it lay still, begins outside of the plan, or leaves it."""
     for walk in (walk for walk in walks.facts if walk not in walks.refused):
         recording = walks.task.load(walk)
-        if _lay_still(recording):
+        if best and _lay_still(recording):
             yield f"{walk}: the device lay still all the time: nobody walked, and paths say nothing"
         if lag := lag_s(recording):
             yield f"{walk}: the places fit the sensors best {lag:+g} s off: --truth-offset {-lag:g} moves them"
