@@ -9,16 +9,21 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
-from pdrbench.localizer import Estimate
+from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import survey_of_readings
+from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
+from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
+from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.middle import geometric_median
+from pdrbench_baselines.fusion.open_space import open_space
 from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
@@ -288,3 +293,58 @@ def test_of_what_is_left_a_scan_says_the_same(radio: RadioEvidence) -> None:
     np.testing.assert_allclose(upper[here, 2], both[here, 2] - both[here, 2].max())
     upper[here, 2] = MIN_LOG
     assert (upper == MIN_LOG).all()
+
+
+@pytest.fixture(scope="module")
+def corridor() -> RadioMap:
+    """A survey along one line of 40 m on two levels, whose places were interpolated."""
+    xy_m = np.column_stack([np.arange(0.0, 40.0, 2.0), np.full(20, 10.0)])
+    rows, counts = [], []
+    for level in LEVELS:
+        for dbm in heard_dbm(xy_m, level):
+            known = np.flatnonzero(dbm > -88.0)
+            rows.append(np.column_stack([known + 1.0, dbm[known], np.zeros(len(known))]))
+            counts.append(len(known))
+    level = np.repeat(LEVELS, len(xy_m))
+    return survey_of_readings(np.tile(xy_m, (2, 1)), level, level, counts, np.concatenate(rows), surveyed=False)
+
+
+def test_open_space_holds_survey_and_start(corridor: RadioMap) -> None:
+    start = Start(np.array([500.0, 0.0]), level=4)
+    space = open_space(corridor, start)
+    assert space.levels == (0, 1, 4)
+    assert space.contains(np.vstack([corridor.xy_m, [start.xy_m]]), 4).all()
+    assert open_space(None, start).levels == (4,)
+
+
+def test_without_a_plan_people_are_likelier_to_walk_where_the_survey_was_walked(corridor: RadioMap) -> None:
+    open_radio = RadioEvidence(corridor, None, GpWifiParams(), 2.0)
+    beside_m = np.abs(open_radio.xy_m[:, 1] - 10.0)
+    inside = (open_radio.xy_m[:, 0] > 0.0) & (open_radio.xy_m[:, 0] < 38.0)
+    along, aside = open_radio.walked[inside & (beside_m < 1.5)], open_radio.walked[inside & (beside_m > 8.0)]
+    assert along.min() > aside.max() + 0.3 and np.ptp(along) < 0.1  # between scans as at them
+    assert not RadioEvidence(corridor, BOTH, GpWifiParams(), 2.0).walked.any()
+
+
+def test_scans_in_quick_succession_count_together_as_one(radio: RadioEvidence) -> None:
+    """Three scans within two seconds say what one says; those two seconds apart say it each."""
+
+    def said(times_s: tuple[float, ...]) -> float:
+        radio.begin(1.0)
+        return sum(float(np.ptp(one)) for t in times_s for one in radio.update(sweep((8.0, 14.0), 1, t)))
+
+    first = said((0.0,))
+    assert said((0.0, 0.6, 1.2, 1.8)) == pytest.approx(2.0 * first, rel=0.01)
+    assert said((0.0, 2.0)) == pytest.approx(2.0 * first, rel=0.01)
+
+
+def test_without_a_plan_or_a_survey_a_known_start_is_enough() -> None:
+    sensors = {name: sensor_spec(name) for name in ("accel", "gyro", "rotation", "wifi")}
+    briefing = Briefing(None, sensors, 0.2, start=Start(np.zeros(2), level=2), mounting="hand")
+    localizer = Fusion()
+    localizer.reset(briefing, np.random.default_rng(0))
+    rows = {name: np.zeros((0, len(spec.columns))) for name, spec in sensors.items()}
+    estimate = localizer.step(Observation(0.2, rows))
+    assert estimate.level == 2 and np.hypot(*estimate.xy_m) < 0.5
+    with pytest.raises(UnsuitableError, match="needs a known start, or a radio map"):
+        localizer.reset(Briefing(None, sensors, 0.2, start=None, mounting="hand"), np.random.default_rng(0))

@@ -106,7 +106,7 @@ class Cloud(LearnedMapFilter):
         start, pick, fresh, jitter = self._rng_scans.spawn(4)
         likelihood = np.exp(log_likelihood - log_likelihood.max())
         square = self._radio.squares_at(self.particles_xy_m, self.particles_level)
-        weight = np.where(square >= 0, likelihood[square, self._offset], likelihood.min())
+        weight = np.where(square >= 0, likelihood[square, self._offset], self._radio.elsewhere(likelihood))
         anywhere = likelihood * self._on_map()[:, None] * self._radio.prior
         total = float(max(len(self._radio.level), 1))
         if resets and anywhere.any():

@@ -23,6 +23,7 @@ from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.fusion.free import FreeCloud
 from pdrbench_baselines.fusion.middle import geometric_median
+from pdrbench_baselines.fusion.open_space import open_space
 from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE
@@ -45,9 +46,10 @@ class Hypothesis:
 
 
 class Fusion(NetworkLocalizer):
-    """Phone with plan and WLAN: `learned` displacements, `gp_wifi` and particles for every level.
+    """Phone with WLAN, and a plan where there is one: `learned` displacements, `gp_wifi` and particles for every level.
 
-    Needs what `learned_map` needs, and takes the same sensors. Where the start is not known, the first scan puts a
+    Needs what `learned_map` needs but for the plan, and takes the same sensors. Without a plan floors are open, and
+    people are likelier to walk where the survey was walked. Where the start is not known, the first scan puts a
     cloud on every level that the map does not join, by the radio map of `gp_wifi`; each scan says how likely each
     cloud is, and the answer is that of the likeliest: the mean of its particles where the start is known, else their
     geometric median. `revise` gives the past by lines through its clouds.
@@ -63,18 +65,19 @@ class Fusion(NetworkLocalizer):
         self._free: FreeCloud | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        if briefing.building is None:
-            raise UnsuitableError("needs a map; this environment has none, learned goes without")
         own, start = self._own, briefing.start
+        if start is None and briefing.radio_map is None:
+            raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
         is_known_phone = start is not None and briefing.carrier == PHONE
         factor = own.interpolated_length_factor if is_known_phone and _is_interpolated(briefing.radio_map) else 1.0
         self._begin(briefing, factor, own.companions if is_known_phone else ())
-        self._building, self._rng = briefing.building, rng
+        self._building, self._rng = briefing.building or open_space(briefing.radio_map, start), rng
         self._radio = self._fitted(briefing)
         self._compass, self._map_params, self._free = None, own.map, None
         if self._reckoner.has_compass:
-            self._compass = CompassMean(own.compass)
-            self._map_params = replace(own.map, bias_walk_rad=own.compass.walk_rad)
+            compass = own.open_compass if briefing.building is None else own.compass
+            self._compass = CompassMean(compass)
+            self._map_params = replace(own.map, bias_walk_rad=compass.walk_rad)
         self._hypotheses: list[Hypothesis] = []
         self._answers = BackwardSampler()
         self._start_is_known = start is not None
@@ -179,11 +182,12 @@ class Fusion(NetworkLocalizer):
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
         radio, own, scans, params = self._radio, self._own, self._scans_of(radio_map), self._own.radio
-        if briefing.start is not None:  # a walk may lead anywhere on a surveyed level
+        plan = briefing.building
+        if briefing.start is not None and plan is not None:  # a walk may lead anywhere on a surveyed level
             params = replace(params, field=replace(params.field, covers_floor=True))
-        is_kept = radio is not None and radio.radio_map is radio_map and radio.building is self._building
+        is_kept = radio is not None and radio.radio_map is radio_map and radio.building is plan
         if radio is None or not is_kept or radio.params != params:
-            radio = RadioEvidence(radio_map, self._building, params, scans.map_error_m)
+            radio = RadioEvidence(radio_map, plan, params, scans.map_error_m)
             if scans.fingerprint_trust or scans.known_fingerprint_trust:
                 radio.fingerprints = FingerprintEvidence(
                     radio_map, briefing.sensors["wifi"], own.fingerprints, radio.xy_m, radio.level
@@ -208,7 +212,7 @@ class Fusion(NetworkLocalizer):
 
     def _new_free(self, start: Start) -> FreeCloud | None:
         radio, compass, own = self._radio, self._compass, self._own
-        if compass is None or radio is None or radio.radio_map.surveyed:
+        if compass is None or radio is None or radio.building is None or radio.radio_map.surveyed:
             return None
         sigma_m = max(self._map_params.start_sigma_m, start.radius_m / 2)
         (rng,) = self._rng.spawn(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -92,6 +93,8 @@ class FusionParams:
             were interpolated.
         compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
             `map.bias_walk_rad`.
+        open_compass: The same where there is no plan: no wall corrects a heading, and of phones of several makes whole
+            walks are turned by 21 degrees (standard deviation), see the notebook on shopping centres.
         free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
             survey were interpolated.
         revises: Whether clouds are kept, from which `revise` draws the past.
@@ -112,6 +115,7 @@ class FusionParams:
     companions: tuple[str, ...] = ("phone_plain",)
     interpolated_length_factor: float = 0.97
     compass: CompassParams = field(default_factory=CompassParams)
+    open_compass: CompassParams = field(default_factory=lambda: CompassParams(sigma_rad=math.radians(15.0)))
     free: FreeParams = field(default_factory=FreeParams)
     revises: bool = True
 
