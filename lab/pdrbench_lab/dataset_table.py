@@ -37,7 +37,7 @@ def make_table(folder: Path, known: Dataset | None = None) -> Dataset:
         folder: Folder of the set, named like the set.
         known: The table so far, whose texts are kept.
     """
-    known = known or Dataset(name=folder.name, by_content=False, files=(), **dict.fromkeys(_TEXTS, ""))
+    known = known or Dataset(name=folder.name, by_content=False, files=(), also_named=(), **dict.fromkeys(_TEXTS, ""))
     manifest = _read_manifest(folder)
     make = _row_by_content if known.by_content else _row_by_path
     rows = {row.path: row for row in (make(folder, path, known) for path in files_in(folder))}

@@ -25,7 +25,8 @@ def add_kaggle_iln(folder: Path, log: Callable[[str], None]) -> tuple[dict[str, 
     """
     place = add(folder)
     names = list(sites())
-    rows, problems = [], []
+    rows: list[dict[str, Any]] = []
+    problems: list[str] = []
     for number, index in enumerate(index_all(names, min(len(names), os.cpu_count() or 1)), 1):
         plan, why = plan_of(index.site)
         problems += [*index.problems, *why]

@@ -100,7 +100,7 @@ def index_all(names: Iterable[str], jobs: int) -> Iterator[BuildingIndex]:
 def _key(site: Site) -> str:
     """Of the files of a building and of the code that reads them."""
     code = bytes_sha256([Path(__file__), Path(ilc20.__file__), Path(ilc20_lines.__file__)])
-    files = [(*of, member.bytes, member.stamp) for of, member in sorted(site.walks.items())]
+    files = [(*of, member.num_bytes, member.stamp) for of, member in sorted(site.walks.items())]
     return hashlib.sha256(f"{code} {files}".encode()).hexdigest()[:16]
 
 

@@ -32,13 +32,13 @@ class Member(msgspec.Struct, frozen=True):
     Attributes:
         source: Folder or zip archive.
         name: Inside it, with forward slashes.
-        bytes: Size.
+        num_bytes: Size.
         stamp: Changes where the file does: its time of change, or its checksum in an archive.
     """
 
     source: str
     name: str
-    bytes: int
+    num_bytes: int
     stamp: int
 
     @property
@@ -52,7 +52,7 @@ class Member(msgspec.Struct, frozen=True):
         Raises:
             RecordingError: It is missing, damaged or too large.
         """
-        if self.bytes > MAX_TEXT_BYTES:
+        if self.num_bytes > MAX_TEXT_BYTES:
             raise RecordingError(f"{self.path}: more than {MAX_TEXT_BYTES >> 20} MiB; no walk of the set is so long")
         try:
             if Path(self.source).is_dir():
