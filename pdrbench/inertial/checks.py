@@ -12,9 +12,11 @@ import numpy as np
 from pdrbench.compiled import compiled
 from pdrbench.errors import RecordingError, RecordingWarning
 from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.inertial.pairing import is_repeat
 from pdrbench.sensors.checks import gravity, guard, gyroscope, refuse
 
 MIN_SAMPLES: Final = 20
+GAP_S: Final = 0.1  # from where a foot has swung by much; ours
 MAX_DROPPED: Final = 0.01  # of the samples, without a warning
 FOOT_MIN_RATE_HZ: Final = 20.0  # ten samples in a swing
 FACTORS: Final = (1.0, 0.25, 0.5, 2.0, 4.0, math.pi / 180, 180 / math.pi)  # of rates or times; the first as given
@@ -53,7 +55,7 @@ class CleanRows:
 
 
 def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRows:
-    """Leaves out what is not finite and what repeats the time before; refuses what cannot be meant.
+    """Leaves out what is not finite and what repeats the time or the sample before; refuses what cannot be meant.
 
     Args:
         t_s: (n,) seconds.
@@ -82,12 +84,23 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
         )
     is_new = np.diff(t_s, prepend=-np.inf) > 0
     dropped["repeats the time before"] = int((~is_new).sum())
+    is_again = is_repeat(np.column_stack([accel, gyro]), np.zeros((0, 6)))
+    dropped["repeats the sample before"] = int(is_again.sum())
+    is_new &= ~is_again
     t_s, accel, gyro, kept = t_s[is_new], accel[is_new], gyro[is_new], kept[is_new]
     if len(t_s) < MIN_SAMPLES:
         raise RecordingError(f"only {len(t_s)} usable samples, at least {MIN_SAMPLES} are needed; check the export")
     if dropped["not finite"] > MAX_DROPPED * len(is_finite):
         seen = f"{dropped['not finite']} of {len(is_finite)} samples are not finite and are left out"
         warnings.warn(f"{seen}; record again, or expect larger errors", RecordingWarning, stacklevel=4)
+    gaps_s = np.diff(t_s)[np.diff(t_s) > GAP_S]
+    if len(gaps_s):
+        seen = f"{len(gaps_s)} gaps of {np.median(gaps_s):.2g} s, the longest {gaps_s.max():.2g} s"
+        warnings.warn(
+            f"{seen}: a foot that swings in one loses its heading; record without losses, or expect errors of metres",
+            RecordingWarning,
+            stacklevel=4,
+        )
     guard({"accel": np.column_stack([t_s, accel]), "gyro": np.column_stack([t_s, gyro])}, min_rate_hz=FOOT_MIN_RATE_HZ)
     check_swings(t_s, accel, gyro)
     return CleanRows(t_s, accel, gyro, kept, dropped)

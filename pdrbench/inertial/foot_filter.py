@@ -31,6 +31,7 @@ LEVEL_S: Final = 0.1
 LEVEL_SIGMA_RAD: Final = math.radians(0.5)
 LEVEL_STATISTIC: Final = 1e5
 LEVEL_WAIT_S: Final = 3.0
+LOST_SAMPLES: Final = 1.8  # ours: times of samples jitter by less than that
 _AT_200_HZ: Final = math.sqrt(1 / 200)  # a sigma per sample at 200 Hz times this is a density
 
 
@@ -72,11 +73,11 @@ class FootParams:
     slip_mps: float = 0.3  # a foot is slowest at 0.2 to 0.5 m/s where it runs
     field: FieldParams | None = None
 
-    def noise(self) -> Noise:
-        """The numbers for the kernels."""
+    def noise(self, rate_hz: float = 200.0) -> Noise:
+        """The numbers for the kernels, for a nominal rate of the samples."""
         field = self.field or FieldParams()
         own = {name: getattr(self, name) for name in Noise._fields if hasattr(self, name)}
-        return Noise(**own, heading_sigma_rad=field.sigma_rad, heading_gate=field.gate)
+        return Noise(**own, gap_s=LOST_SAMPLES / rate_hz, heading_sigma_rad=field.sigma_rad, heading_gate=field.gate)
 
 
 FOOT: Final = FootParams()
@@ -174,7 +175,7 @@ class FootFilter:
         self._rest = RestDetector(params.detector, rate_hz)
         self._level = Leveller(rate_hz, params)
         self._field = FieldGate(params.field) if params.field is not None else None
-        self._noise = params.noise()
+        self._noise = params.noise(rate_hz)
         self._clock = np.array([np.nan, np.nan, 0, 0, 0, 0])
         self.memory: Memory | None = None
 

@@ -26,7 +26,6 @@ NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of h
 
 # Ours unless a line says otherwise.
 BIAS_WALK: Final = 1e-6  # of both biases, m/s2 and rad/s per root second
-GAP_S: Final = 0.03  # a longer time between samples is a gap, over which the mean of its two ends is taken
 BRIDGE_S: Final = 0.5  # in a gap longer than this the foot does as it likes, and its velocity is kept
 GAP_SWING_RADPS: Final = 20.0  # how fast a foot oscillates: noise in a gap is as large as the motion of the last second
 TURN_ON_RAD: Final = math.radians(1.5)  # a foot that stands still and turns by more was switched on with a bias
@@ -49,6 +48,7 @@ class Noise(NamedTuple):
     clipped_rate_radps: float
     clipped_sigma_fraction: float
     force_fraction: float
+    gap_s: float  # a longer time between samples is a gap, over which the mean of its two ends is taken
     slip_mps: float
     heading_sigma_rad: float
     heading_gate: float
@@ -226,9 +226,8 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
     _propagate(cov, dt, f, c, size)
     push = f[0] ** 2 + f[1] ** 2 + (f[2] - GRAVITY_MPS2) ** 2
     for i in range(3):
-        if dt <= GAP_S:  # else see `_doubt_gap`
-            cov[3 + i, 3 + i] += (noise.accel_density**2 + noise.force_fraction**2 * push) * dt
-            cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
+        cov[3 + i, 3 + i] += (noise.accel_density**2 + noise.force_fraction**2 * push) * dt
+        cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
         if n == 15:
             cov[9 + i, 9 + i] += BIAS_WALK**2 * dt
             cov[12 + i, 12 + i] += BIAS_WALK**2 * dt
@@ -401,7 +400,7 @@ def advance(
             record.which[k] = -1
             record.step[k, 0] = 0.0
         if dt > 0.0:
-            weight = 0.5 if dt > GAP_S else 1.0  # across a gap the mean of both ends
+            weight = 0.5 if dt > noise.gap_s else 1.0  # across a gap the mean of both ends
             for i in range(3):
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
@@ -413,7 +412,7 @@ def advance(
                 held[i] = finds_clipped and is_fresh and is_same
             if finds_clipped:
                 _find_limits(memory.limits, gyro, previous, k, is_fresh)
-            if dt <= GAP_S:
+            if dt <= noise.gap_s:
                 _find_clipped(memory, held, gyro, k, noise, clipped, excess)
                 for i in range(3):
                     sample[3 + i] += excess[i]
@@ -422,10 +421,10 @@ def advance(
                 previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
             previous[0] = t_s[k]
             _predict(x, cov, dt, sample, noise, f, c, size)
-            if dt > GAP_S:
+            if dt > noise.gap_s:
                 _doubt_gap(cov, dt, sample, recent, f, c)
             _remember(recent, dt, x, sample, f)
-            if dt <= GAP_S:
+            if dt <= noise.gap_s:
                 _doubt_clipped(cov, clipped, dt, c)
             if keeps:
                 record.step[k, 0] = dt
@@ -448,7 +447,7 @@ def advance(
                     if keeps:
                         _keep(record, k, i, 3 + i, gain, innovation, variance)
             if n == 15:
-                is_still = rate_noise < np.inf and dt <= GAP_S  # the rotation in a gap is unknown
+                is_still = rate_noise < np.inf and dt <= noise.gap_s  # the rotation in a gap is unknown
                 is_turn_on = _stand(still, x, dt, gyro, k, is_still)
                 if rate_noise < np.inf:
                     has_update = True

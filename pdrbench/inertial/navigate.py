@@ -73,7 +73,7 @@ def navigate_smoothed(
         _check_started(states)
     assert footing.memory is not None
     starts = range(begin, len(rows.t_s), _AT_ONCE)
-    noise, memories = params.noise(), []
+    noise, memories = params.noise(nominal_rate_hz(rows.t_s)), []
     for low in starts:
         part = slice(low, low + _AT_ONCE)
         memories.append(footing.memory.copy())

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray
+
+MOVES_RADPS: Final = 0.5  # a foot or a hand that turns faster never shows six equal numbers twice
+
+
+def is_repeat(samples: FloatArray, before: FloatArray) -> BoolArray:
+    """(n,) whether a sample (n, 6) is the one before it again, which some units send in place of one that was lost."""
+    earlier = np.concatenate([before, samples])[-len(samples) - 1 : -1] if len(before) else samples[:-1]
+    same = np.zeros(len(samples), dtype=np.bool_)
+    same[len(samples) - len(earlier) :] = (samples[len(samples) - len(earlier) :] == earlier).all(axis=1)
+    moves: BoolArray = np.linalg.norm(samples[:, 3:], axis=1) > MOVES_RADPS
+    return same & moves
 
 
 class SamplePairs:
     """Lays the rows of an accelerometer and of a gyroscope side by side, as they come in.
 
     Rates are interpolated where a unit samples the two at different times; an acceleration waits until a rate that is
-    not earlier has come.
+    not earlier has come. Repetitions of the sample before are left out.
     """
 
     def __init__(self) -> None:
         self._waiting: FloatArray = np.zeros((0, 4))
         self._rate: FloatArray = np.zeros((0, 4))
+        self._last: FloatArray = np.zeros((0, 6))
 
     def update(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:
         """Takes the next rows, (n, 4) and (m, 4) time and three axes.
@@ -24,6 +38,14 @@ class SamplePairs:
         Returns:
             (k, 7) time, specific force, rate of the accelerations that now have a rate.
         """
+        pairs = self._pairs(accel, gyro)
+        if not len(pairs):
+            return pairs
+        is_again = is_repeat(pairs[:, 1:], self._last)
+        self._last = pairs[-1:, 1:]
+        return pairs[~is_again]
+
+    def _pairs(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:
         if not len(self._waiting) and np.array_equal(accel[:, 0], gyro[:, 0]):
             return np.column_stack([accel, gyro[:, 1:4]])
         self._waiting = np.concatenate([self._waiting, accel])

@@ -89,7 +89,7 @@ def test_omitted_rows_are_counted(measured: Any) -> None:
     accel[10, 1], gyro[20, 2], t_s[30] = np.nan, np.inf, np.nan
     t_s[41] = t_s[40]
     rows = clean_rows(t_s, accel, gyro)
-    assert rows.dropped == {"not finite": 3, "repeats the time before": 1}
+    assert rows.dropped == {"not finite": 3, "repeats the time before": 1, "repeats the sample before": 0}
     assert sorted(set(range(len(t_s))) - set(rows.kept.tolist())) == [10, 20, 30, 41]
     assert (np.diff(rows.t_s) > 0).all()
     np.testing.assert_array_equal(rows.accel, accel[rows.kept])

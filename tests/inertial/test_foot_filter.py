@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
-from pdrbench.errors import RecordingError
+from pdrbench.errors import RecordingError, RecordingWarning
 from pdrbench.inertial import (
     LITERAL,
     FieldParams,
@@ -341,6 +341,25 @@ def test_a_sample_that_is_sent_twice_is_not_clipped(measure: Any, rng: Any) -> N
     held[fast[1::4]] = held[fast[1::4] - 1]
     twice = filtered((motion.t_s, held, again), FOOT)
     assert twice.memory.cov[7, 7] < clipped.memory.cov[7, 7]
+
+
+def test_samples_that_were_lost_and_repeated_are_left_out(measure: Any, rng: Any) -> None:
+    """A unit that sends the last sample again for each it lost, twelve at a time."""
+    motion = walk(20, turn_rad=0.2)
+    measured, source = measure(motion, rng), np.arange(len(motion))
+    for lost in rng.integers(100, len(motion) - 100, 20):
+        source[lost : lost + 12] = source[lost - 1]
+    again = navigate(measured.t_s, measured.accel[source], measured.gyro[source], FOOT)
+    moves = np.linalg.norm(measured.gyro[source], axis=1) > 0.5
+    assert len(again) == len(motion) - np.sum((np.diff(source, prepend=-1) == 0) & moves)
+    assert np.linalg.norm(again.position_m[-1] - motion.position_m[-1]) < 0.03 * 26
+
+
+def test_gaps_are_named(measure: Any, rng: Any) -> None:
+    motion = walk(6)
+    kept = np.delete(np.arange(len(motion)), np.r_[300:340, 600:640])
+    with pytest.warns(RecordingWarning, match="2 gaps of 0.2"):
+        navigate(*(values[kept] for values in measure(motion, rng)), FOOT)
 
 
 RANGE_RADPS = 4.0

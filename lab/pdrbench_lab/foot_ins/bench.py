@@ -24,7 +24,6 @@ from pdrbench.inertial.foot_kernels import (
     CLIPPED_EXCESS_RADPS,
     CLIPPED_FRACTION,
     EXCESS_RADPS,
-    GAP_S,
     GAP_SWING_RADPS,
     HELD_RATE_RADPS,
     MIN_AT_LIMIT,
@@ -298,7 +297,7 @@ def plain_filter(
     for k in range(len(t_s)):
         # Strapdown, with the mean of both ends across a gap, and at the old velocity across a long one.
         dt = float(t_s[k] - previous[0])
-        is_gap, sample = dt > GAP_S, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
+        is_gap, sample = dt > noise.gap_s, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
         is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > HELD_RATE_RADPS)
         is_held &= bool(np.any(accel[k] != previous[1:4])) and noise.clipped_rate_radps < math.inf
         before, doubt_radps = previous, np.zeros(3)
@@ -327,7 +326,7 @@ def plain_filter(
             f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
         motion = force - [0.0, 0.0, GRAVITY_MPS2]
         moved = noise.force_fraction**2 * np.sum(motion**2)
-        variances = dt * np.array([0.0, noise.accel_density**2 + moved, noise.gyro_density**2]) * (not is_gap)
+        variances = dt * np.array([0.0, noise.accel_density**2 + moved, noise.gyro_density**2])
         added = np.diag(np.repeat(np.append(variances, np.full(2, dt * BIAS_WALK**2)), 3)[:size])
         if is_gap:
             now = np.square(np.concatenate([mean[4:7], motion]))
