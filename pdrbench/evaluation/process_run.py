@@ -35,8 +35,8 @@ def compute_in_child(job: WalkJob, context: JobContext, note: IO[bytes], memory:
     return result.status, store.encode(result)
 
 
-def play_in_child(job: WalkJob, memory: dict[str, Any], note: IO[bytes], num_observations: int | None = None) -> Result:
-    """The walk of a job, or its first so many observations.
+def play_in_child(job: WalkJob, memory: dict[str, Any], note: IO[bytes]) -> Result:
+    """The walk of a job.
 
     It is played once more where no process could be had, but never once an observation was handed out.
     A walk that is played twice shows its future: the first pass leaves notes for the second. Whatever ended the process
@@ -44,8 +44,7 @@ def play_in_child(job: WalkJob, memory: dict[str, Any], note: IO[bytes], num_obs
     """
     for num_tries in range(1, MAX_LAUNCHES + 1):
         try:
-            episode = load_walk(job, memory)
-            result = _play_once(job, episode.prefix(num_observations) if num_observations else episode, note)
+            result = _play_once(job, load_walk(job, memory), note)
         except LaunchError as error:
             if num_tries == MAX_LAUNCHES:
                 return crashed_result(job, f"{error} (after {num_tries} tries)")
