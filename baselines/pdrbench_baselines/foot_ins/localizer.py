@@ -229,10 +229,13 @@ class FootInsRobust(FootIns):
 
     def _levels(self, t_s: FloatArray, rise_m: FloatArray) -> IntArray:
         if self._tracker is not None:
-            since_s, levels = zip(*self._changed, strict=True)
-            return np.array(levels)[np.searchsorted(since_s, t_s, side="right") - 1]
+            since_s = np.array([when_s for when_s, _ in self._changed])
+            reached = np.array([level for _, level in self._changed], dtype=np.int64)
+            at: IntArray = reached[np.searchsorted(since_s, t_s, side="right") - 1]
+            return at
         if not self._heights_m:
             return super()._levels(t_s, rise_m)
-        levels, heights_m = np.array(list(self._heights_m)), np.array(list(self._heights_m.values()))
-        off_m = np.abs(rise_m[:, None] + self._heights_m[self._start.level] - heights_m)
-        return levels[off_m.argmin(axis=1)]
+        levels = np.array(list(self._heights_m), dtype=np.int64)
+        off_m = rise_m[:, None] + self._heights_m[self._start.level] - np.array(list(self._heights_m.values()))
+        nearest: IntArray = levels[np.abs(off_m).argmin(axis=1)]
+        return nearest
