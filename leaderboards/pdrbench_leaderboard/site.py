@@ -155,7 +155,7 @@ def _shown(row: Row) -> dict[str, Any]:
         "ratio": table.ratio_text(row),
         "walks": table.walks_text(row),
         "is_complete": row.is_complete,
-        "cells": dict(zip(table.HEAD, table.cells(row), strict=True)),
+        "cells": table.cells(row),
         "sensors": card.sensors_used,
         "map": card.map_used,
         "survey": card.survey_used,
@@ -170,7 +170,7 @@ def _division(found: Table) -> dict[str, Any]:
     return {
         "name": found.division,
         "title": table.DIVISION_TITLES[found.division],
-        "head": [name for name in table.HEAD if name not in ("rank", "entry", "p75, m", "uses")],
+        "head": [name for name in table.shown_head(found) if name not in ("rank", "entry", "off by, m", "uses")],
         "rows": [_shown(row) for row in found.rows],
         "order": pictures.order_picture(found),
         "ties": bool(found.ranking and found.ranking.ties),

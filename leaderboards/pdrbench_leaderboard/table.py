@@ -9,6 +9,7 @@ from typing import Final
 
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.evaluation.wording import counted
+from pdrbench.result import ONLINE
 from pdrbench_leaderboard.boards import Board, find_round
 from pdrbench_leaderboard.standings import Row, Table
 
@@ -18,7 +19,7 @@ FOUND: Final = "found after, s"  # of boards on which no start is given
 HEAD: Final = (
     "rank",
     "entry",
-    "p75, m",
+    "off by, m",
     "times the first",
     "walks",
     "mean, m",
@@ -47,13 +48,12 @@ def page(board: Board, tables: Sequence[Table]) -> str:
     head = ["environment", "held-out walks", "public walks", "units"]
     lines += [*_grid(head, environment_lines(tables[0]), {"environment"}), ""]
     for table in tables:
-        shown = [place for place, name in enumerate(HEAD) if name != FOUND or table.is_lost]
-        head, rows = [HEAD[place] for place in shown], [cells(row) for row in table.rows]
-        rows = [[row[place] for place in shown] for row in rows]
+        head = shown_head(table)
+        rows = [[value for name, value in cells(row).items() if name in head] for row in table.rows]
         lines += [f"## {DIVISION_TITLES[table.division]}", "", *_grid(head, rows, LEFT), ""]
         lines += [f"* {text}" for text in notes(table)] + [""]
         head, strata = strata_of(table)
-        lines += ["p75 in metres by environment and kind of walk:", "", *_grid(head, strata, {"entry"}), ""]
+        lines += ["Off by, in metres, by environment and kind of walk:", "", *_grid(head, strata, {"entry"}), ""]
     return "\n".join(lines)
 
 
@@ -70,10 +70,15 @@ def environment_lines(table: Table) -> list[list[str]]:
     return found
 
 
-def cells(row: Row) -> list[str]:
-    """One entry, columns as in `HEAD`."""
+def shown_head(table: Table) -> list[str]:
+    """Columns of a table."""
+    return [name for name in HEAD if name != FOUND or table.is_lost]
+
+
+def cells(row: Row) -> dict[str, str]:
+    """One entry by column, as in `HEAD`."""
     of = row.standing
-    return [
+    values = [
         rank_text(row),
         f"`{row.name}`",
         f"{page_decimals(of.score_m)} ({span(of.low_m, of.high_m)})",
@@ -88,6 +93,7 @@ def cells(row: Row) -> list[str]:
         number(row.public_m),
         uses(row),
     ]
+    return dict(zip(HEAD, values, strict=True))
 
 
 def rank_text(row: Row) -> str:
@@ -135,19 +141,8 @@ def notes(table: Table) -> Iterator[str]:
     ranking = table.ranking
     if ranking is None:
         return
-    numbers = sorted({of.round for of in table.walks.values()})
-    public = all(find_round(of).secret for of in numbers)
-    yield (
-        f"Held-out walks of round {', '.join(map(str, numbers))} rank"
-        f"{', whose secret is published: any user can play them' if public else ''}. "
-        "Recorded walks are replayed in another frame. Their truth is public: memorising is detected by canary and "
-        "review, not excluded."
-    )
-    yield (
-        "p75: geometric mean over walks of the third quartile of the error, 15 m added for each wrong level, in "
-        "brackets its 95 % interval; environments have equal weight. The rank is an interval: the places that paired "
-        "tests cannot exclude (sign flips by unit, Holm over all pairs, 5 %)."
-    )
+    if table.division == ONLINE:
+        yield from _general_notes(table)
     yield f"{table.num_apart} of {counted('pair', table.num_pairs)} are told apart."
     if ranking.ties:
         tied = "; ".join(", ".join(f"`{name}`" for name in tie) for tie in ranking.ties)
@@ -169,6 +164,23 @@ def notes(table: Table) -> Iterator[str]:
             )
             why = f": {plain(reasons[0])}" if reasons else ""
             yield f"`{row.name}` played {walks_text(row)} walks; on others the worst answer of any entry counts{why}."
+
+
+def _general_notes(table: Table) -> Iterator[str]:
+    """What holds of every division of a board."""
+    numbers = sorted({of.round for of in table.walks.values()})
+    public = all(find_round(of).secret for of in numbers)
+    yield (
+        f"Held-out walks of round {', '.join(map(str, numbers))} rank"
+        f"{', whose secret is published: any user can play them' if public else ''}. "
+        "Recorded walks are replayed in another frame. Their truth is public: memorising is detected by canary and "
+        "review, not excluded."
+    )
+    yield (
+        "Off by: geometric mean over walks of the third quartile of the error (p75), 15 m added for each wrong level, "
+        "in brackets its 95 % interval; environments have equal weight. The rank is an interval: the places that "
+        "paired tests cannot exclude (sign flips by unit, Holm over all pairs, 5 %)."
+    )
 
 
 def strata_of(table: Table) -> tuple[list[str], list[list[str]]]:
