@@ -14,6 +14,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.origin import package_sha256
 
 CONNECT_S: Final = 10.0  # ours: a scheduler that lives answers in milliseconds
+WORKER_S: Final = 60.0  # ours: workers are started with the scheduler, and a queue may take its time
 
 
 class ClusterError(PdrbenchError):
@@ -67,11 +68,13 @@ def _connect(scheduler: str) -> Any:
 def _check_workers(client: Any, scheduler: str) -> None:
     """Asks every worker for its sources; those of an older or other pdrbench would compute other results."""
     try:
+        client.wait_for_workers(1, timeout=WORKER_S)
+    except TimeoutError:
+        raise ClusterError(f"{scheduler} has no workers; start some with `dask worker {scheduler}`") from None
+    try:
         digests: dict[str, str] = client.run(package_sha256, "pdrbench")
     except (ImportError, AttributeError) as error:
         raise ClusterError(f"a worker of {scheduler} has no pdrbench like this one: {_one_line(error)}") from error
-    if not digests:
-        raise ClusterError(f"{scheduler} has no workers; start some with `dask worker {scheduler}`")
     other = [worker for worker, digest in digests.items() if digest != package_sha256("pdrbench")]
     if other:
         named = ", ".join(itertools.islice(other, 3))

@@ -116,6 +116,9 @@ def test_a_scheduler_that_dies_meanwhile_is_an_error_that_says_what_is_kept(monk
         def close(self) -> None:
             closed.append(True)
 
+        def wait_for_workers(self, count: int, timeout: float) -> None:
+            pass
+
         def run(self, call: Callable[[str], str], name: str) -> dict[str, str]:
             return {"worker": call(name)}
 
