@@ -40,8 +40,8 @@ MANY_LEVELS: Final = 5
 NO_WALK: Final = "test-none"  # stands for the test walks where none is at hand: loading it says why
 
 _ID_KEY: Final = b"pdrbench.retail"
-# The first number with which the six buildings that it was written with make three test buildings, and one of val, such
-# that both environments have test walks. It looks at names and times only.
+# A number with which the six buildings that it was written with make three test buildings and one of val, such that
+# both environments have test walks; chosen by counts of walks in each building, without scores.
 _SPLIT_KEY: Final = b"pdrbench.retail split 16"
 
 _DESCRIPTION: Final = """\
