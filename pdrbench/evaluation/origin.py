@@ -20,6 +20,8 @@ from pdrbench.localizer_folder import find_target, installed_sha256, list_files,
 from pdrbench.registry import environments, localizer_entry, localizers, task_place
 from pdrbench.settings import split_name
 
+_IMPORTS = (ast.Import, ast.ImportFrom)
+
 
 def localizer_target(name: str) -> str:
     """Where the class of a localizer is defined, without importing it; settings in its name are left out.
@@ -69,13 +71,9 @@ def _check_defined(path: Path, attribute: str) -> None:
     except (SyntaxError, ValueError):  # whoever loads it says what is wrong
         return
     names = [line.name for line in lines if isinstance(line, (ast.ClassDef, ast.FunctionDef))]
-    if all(isinstance(line, (ast.ClassDef, ast.FunctionDef, ast.Expr, ast.Import, ast.ImportFrom)) for line in lines):
-        imported = [
-            of.asname or of.name
-            for line in lines
-            if isinstance(line, (ast.Import, ast.ImportFrom))
-            for of in line.names
-        ]
+    texts = [line for line in lines if isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant)]
+    if all(line in texts or isinstance(line, (ast.ClassDef, ast.FunctionDef, *_IMPORTS)) for line in lines):
+        imported = [of.asname or of.name for line in lines if isinstance(line, _IMPORTS) for of in line.names]
         if attribute not in names and attribute not in imported and "*" not in imported:
             raise PluginError(f"{path} defines no {attribute!r}: {unknown_name('class', attribute, names)}")
 

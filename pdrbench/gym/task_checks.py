@@ -401,10 +401,8 @@ class _Probe:
             self._sum[1] += (place + 1) * float(rows.sum())
             self._sum[2] += len(rows)
         heading_rad, sigma_m = self._rng.uniform(0.0, 3.0, 2)
-        level = int(self._sum[2]) % 7
-        return Estimate(
-            *(self._sum[:2].copy(), level, float(heading_rad), float(sigma_m)), converged=[None, False, True][level % 3]
-        )
+        level, xy_m = int(self._sum[2]) % 7, self._sum[:2] % 100.0
+        return Estimate(xy_m, level, float(heading_rad), float(sigma_m), converged=[None, False, True][level % 3])
 
 
 def _both_roads(task: Task, recording: Recording) -> None:

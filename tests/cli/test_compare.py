@@ -96,6 +96,8 @@ NEEDS = {
     "MallPhoneMagnetic-v1": "pdrbench data fetch ilc20_full",
     "MallPhoneMagneticLost-v1": "pdrbench data fetch ilc20_full",
     "PhoneSteps-v1": "phone_steps/",
+    "RetailPhone-v1": "pdrbench data add kaggle_iln",
+    "RetailPhoneLost-v1": "pdrbench data add kaggle_iln",
     "IpinPhone-v1": "ipin2023_track3/",
     "WifiFingerprints-v1": "wifi_fingerprints/",
 }

@@ -267,7 +267,7 @@ class Keeps(Sound):
     ("localizer", "name", "words"),
     [
         (CrashesBare, "declines with UnsuitableError only", "KeyError"),
-        (Silent, "answers every observation", "times nothing"),
+        (Silent, "answers every observation", "returned None instead of an Estimate"),
         (Raises, "answers every observation", "by nothing"),
         (Leaves, "answers every observation", "raised SystemExit"),
         (NeverBegins, "answers every observation", "no key"),
