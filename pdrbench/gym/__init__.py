@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pdrbench.gym.spaces import to_action, to_observation
     from pdrbench.gym.task_checks import check_task
     from pdrbench.gym.vector import LocalizationVectorEnv
-    from pdrbench.gym.wrappers import DenseWifi, LocalMap, RelativeAction, ResultAtTruncation, StartInObservation
+    from pdrbench.gym.wrappers import DenseWifi, LocalMap, RelativeAction, StartInObservation
 
 _HOMES = {
     "Check": "checking",
@@ -23,7 +23,6 @@ _HOMES = {
     "LocalizationEnv": "env",
     "LocalizationVectorEnv": "vector",
     "RelativeAction": "wrappers",
-    "ResultAtTruncation": "wrappers",
     "StartInObservation": "wrappers",
     "check_localizer": "localizer_checks",
     "check_task": "task_checks",
@@ -40,7 +39,6 @@ __all__ = [
     "LocalizationEnv",
     "LocalizationVectorEnv",
     "RelativeAction",
-    "ResultAtTruncation",
     "StartInObservation",
     "check_localizer",
     "check_task",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.gym.env import RESULT_KEY, LocalizationEnv
+from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.spaces import LEVEL_BOUND, POSITION_BOUND_M, count_key
 from pdrbench.localizer import Briefing
 
@@ -83,27 +83,6 @@ def _surveyed(env: LocalizationEnv) -> IntArray:
     maps = (env.task.radio_map(env.task.load(walk)) for walk in env.task.split(env.split))
     found = [radio_map.access_point for radio_map in maps if radio_map is not None]
     return np.unique(np.concatenate([*found, np.zeros(0, dtype=np.int64)]))
-
-
-class ResultAtTruncation(LocalizationWrapper, RecordConstructorArgs):
-    """Puts `result` into the info of an episode that a wrapper below this one truncates, as at its end.
-
-    The info of a step gives it when it is asked for; here it is there for whoever looks at the keys only.
-
-    Wrap what `gymnasium.make` with `max_episode_steps` gave, whose time limit is the outermost wrapper. Scores of such
-    a result hold the last answer to the end of the walk.
-    """
-
-    def __init__(self, env: LocalizationWrapped) -> None:
-        RecordConstructorArgs.__init__(self)
-        gymnasium.Wrapper.__init__(self, env)
-
-    def step(self, action: NDArray[Any]) -> Stepped:
-        """The same."""
-        stepped = self.env.step(action)
-        if stepped[3] and RESULT_KEY not in stepped[4]:
-            stepped[4][RESULT_KEY] = cast(LocalizationEnv, self.env.unwrapped).result()
-        return stepped
 
 
 class RelativeAction(LocalizationWrapper, RecordConstructorArgs):

@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import warnings
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -17,7 +16,6 @@ from pdrbench.gym.wrappers import (
     DenseWifi,
     LocalMap,
     RelativeAction,
-    ResultAtTruncation,
     StartInObservation,
     rasterise,
 )
@@ -177,24 +175,6 @@ def test_whatever_truncates_leaves_a_result_to_ask_for(phone_task) -> None:
     assert type(copy.copy(env.step(np.zeros(3))[-1])) is dict, "what travels to another process holds no environment"
     driven = drive(make_localizer("stay"), TimeLimit(LocalizationEnv(phone_task), 7), np.random.default_rng(0))
     assert len(driven.estimates) == 7
-
-
-def test_an_episode_that_is_truncated_has_a_result(phone_task) -> None:
-    env = ResultAtTruncation(TimeLimit(LocalizationEnv(phone_task), 7))
-    env.reset(options={"walk": "walk-b"})
-    infos = [env.step(np.array([i, 0.0, 1.0]))[4] for i in range(7)]
-    assert [set(info) for info in infos] == [set()] * 6 + [{"result"}]
-    result = infos[-1]["result"]
-    assert result.estimates.xy_m[:, 0].tolist() == list(range(7)) and result.provenance["truncated"]
-    assert result.walk == env.unwrapped.walk == "walk-b"
-    env.unwrapped.step(np.zeros(3))  # the walk goes on where its limit is not heeded
-    assert len(env.unwrapped.result().estimates) == 8 and len(result.estimates) == 7
-
-
-def test_a_limit_of_gymnasium_make_gives_a_result(phone_task) -> None:
-    env = ResultAtTruncation(gymnasium.make("pdrbench/CampusStride-v1", task=phone_task, max_episode_steps=3))
-    env.reset(seed=0)
-    assert [set(env.step(np.zeros(3))[4]) for _ in range(3)] == [set(), set(), {"result"}]
 
 
 def test_the_walk_is_named_on_train_and_not_on_test(phone_task) -> None:

@@ -61,7 +61,7 @@ def answered(localizer: str, env: str, *, split: str, parameters: Any) -> Any:
     errors_m = ERRORS_M.get(parameters["which"], [np.nan] * 7)
     units = [TASK.units[walk] for walk in WALKS]
     frame = pd.DataFrame({"walk": WALKS, "unit": units, "mean_m": np.array(errors_m, dtype=float), "n": 1.0})
-    return SimpleNamespace(walks=lambda: frame.sample(frac=1, random_state=1))
+    return SimpleNamespace(walks=lambda: frame.sample(frac=1, random_state=1), results=())
 
 
 def test_a_grid_is_every_combination_or_some_of_them() -> None:

@@ -10,10 +10,11 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.geometry import wrap_rad
 from pdrbench.recording import Recording, SensorStream
-from pdrbench.sensors.position import POSITION, Reading, measure
+from pdrbench.sensors.position import POSITION
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
+from pdrbench_lab.papers.koeping2012.positions import Reading, measure
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError, RecordingError
-from pdrbench.sensors.position import PositionErrors, measure
+from pdrbench.sensors.position import PositionErrors
+from pdrbench_lab.papers.koeping2012.positions import measure
 
 T_S = np.arange(0.0, 121.0)
 STILL_M = np.zeros((len(T_S), 2))
