@@ -6,11 +6,9 @@ import numpy as np
 
 from pdrbench.building.building import Building
 from pdrbench.building.polygons import WALL, shapely_polygons
-from pdrbench.geometry import BoolArray, IntArray
+from pdrbench.geometry import IntArray
 
 MIN_SHAFT_OVERLAP = 0.5  # of the smaller cabin
-HOUSE_M = 2.0  # thicker than any wall: what lies further apart is two houses
-MIN_HOUSE = 0.1  # of the area of the largest house: what is smaller is a part without a way in
 
 
 def lift_shafts(building: Building) -> tuple[tuple[int, ...], ...]:
@@ -72,25 +70,3 @@ def unconnected_levels(building: Building) -> tuple[int, ...]:
     joined = set(one[one != other].tolist())
     joined |= {building.polygons[i].level for shaft in lift_shafts(building) if len(shaft) > 1 for i in shaft}
     return tuple(level for level in building.levels if level not in joined) if len(building.levels) > 1 else ()
-
-
-def unreachable(building: Building) -> BoolArray:
-    """(P,) True for floor polygons that no way leads to from the largest part of their house or unconnected level.
-
-    Lifts count as ways. What lies further than `HOUSE_M` from all else is a house of its own where it is large.
-    """
-    import shapely
-
-    parts = reachable_parts(building)
-    shapes = shapely_polygons(building.polygons)
-    near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=HOUSE_M)
-    houses = labels_of(len(parts), parts[near[:, building.level(near[0]) == building.level(near[1])]].T)[parts]
-    area_m2 = np.bincount(houses, weights=[polygon.area_m2 for polygon in building.polygons])
-    # The largest part is 0, and the largest of a house the least.
-    main = {int(parts[houses == house].min()) for house in np.flatnonzero(area_m2 >= MIN_HOUSE * area_m2.max())}
-    for level in unconnected_levels(building):
-        here = [i for i, polygon in enumerate(building.polygons) if polygon.level == level]
-        area_m2 = np.bincount(parts[here], weights=[building.polygons[i].area_m2 for i in here])
-        main.add(int(area_m2.argmax()))
-    lost: BoolArray = ~np.isin(parts, list(main))
-    return lost

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -127,19 +127,6 @@ def _print_paragraphs(names: Sequence[str], rows: Iterable[Sequence[str]], title
             text = f"    {name.replace(chr(10), '')}: {' '.join(cell.split())}"
             if cell:
                 say(textwrap.fill(text, width, subsequent_indent="      ", break_long_words=False))
-
-
-@contextlib.contextmanager
-def progress_of_bytes(file: Path) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error while a file is read, moved by the bytes that were read; nothing in a log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    shown = Console(file=sys.stderr, markup=False)
-    with Progress(*columns, console=shown, transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(file.name, total=file.stat().st_size)
-        yield lambda num_bytes: bar.advance(task, num_bytes)
 
 
 @contextlib.contextmanager

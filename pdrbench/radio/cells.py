@@ -67,23 +67,6 @@ class Cells:
             raise MapError(f"union: give {self.num_cells} booleans, one per cell; got {mask.dtype} {mask.shape}")
         return self.region.restricted(mask[self.cell])
 
-    def sample_each(self, rng: np.random.Generator, count: int) -> tuple[IntArray, IntArray, FloatArray]:
-        """Places drawn uniformly from every cell, `count` from each, cell by cell.
-
-        Returns:
-            cell: (C * count,) int.
-            polygon: (C * count,) int.
-            xy_m: (C * count, 2) inside it.
-        """
-        cell = np.repeat(np.arange(self.num_cells), count)
-        covered_m2 = np.cumsum(self.region.triangle_area_m2())
-        first = np.searchsorted(self.cell, np.arange(self.num_cells + 1))
-        before_m2, until_m2 = np.concatenate([[0.0], covered_m2])[first[:-1]], covered_m2[first[1:] - 1]
-        drawn_m2 = before_m2[cell] + rng.random(len(cell)) * (until_m2 - before_m2)[cell]
-        triangle = np.searchsorted(covered_m2, drawn_m2, side="right")
-        triangle = np.clip(triangle, first[cell], first[cell + 1] - 1)
-        return cell, *self.region.sample_triangles(rng, triangle)
-
     def locate(self, level: ArrayLike, xy_m: ArrayLike) -> IntArray:
         """The cell that each place lies in; on a shared boundary the lowest counts.
 

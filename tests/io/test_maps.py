@@ -32,11 +32,12 @@ from plan_samples import (
     written_text,
 )
 
-from pdrbench.building.connectivity import lift_shafts, reachable_parts, unreachable
+from pdrbench.building.connectivity import lift_shafts, reachable_parts
 from pdrbench.building.convex import compile_map
 from pdrbench.datasets import find, is_available
 from pdrbench.errors import MapError, PdrbenchError, RecordingError
 from pdrbench_formats.detect import detect, read_plan
+from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.plan import Plan
 
 

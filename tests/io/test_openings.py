@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from shapely import affinity, box
 
-from pdrbench.building.connectivity import unreachable
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.maps.builder import BuildingBuilder
+from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.openings import is_guessed, with_doors
 from pdrbench_formats.maps.plan import Plan
 

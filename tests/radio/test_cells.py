@@ -9,6 +9,7 @@ import pytest
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.radio import Cells, divide
 from pdrbench_sim.buildings.office import make_office
+from pdrbench_sim.radio.wlan import sample_each
 from pdrbench_sim.readers import ilc20_map
 
 
@@ -86,7 +87,7 @@ def test_sills_join_the_larger_room_treads_one_flight_and_rising_rows_one_theatr
 
 def test_a_place_is_located_in_the_cell_of_its_level(house: Building, rng: np.random.Generator):
     cells = divide(house)
-    cell, polygon, xy_m = cells.sample_each(rng, 15)
+    cell, polygon, xy_m = sample_each(cells, rng, 15)
     assert np.bincount(cell).tolist() == [15] * cells.num_cells
     np.testing.assert_array_equal(cells.locate(house.level(polygon), xy_m), cell)
     assert cells.region.contains(polygon, xy_m).all()

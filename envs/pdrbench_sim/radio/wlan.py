@@ -351,6 +351,24 @@ def draw_opaque_ids(rng: np.random.Generator, count: int) -> IntArray:
     return drawn
 
 
+def sample_each(cells: Cells, rng: np.random.Generator, count: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Places drawn uniformly from every cell, `count` from each, cell by cell.
+
+    Returns:
+        cell: (C * count,) int.
+        polygon: (C * count,) int.
+        xy_m: (C * count, 2) inside it.
+    """
+    cell = np.repeat(np.arange(cells.num_cells), count)
+    covered_m2 = np.cumsum(cells.region.triangle_area_m2())
+    first = np.searchsorted(cells.cell, np.arange(cells.num_cells + 1))
+    before_m2, until_m2 = np.concatenate([[0.0], covered_m2])[first[:-1]], covered_m2[first[1:] - 1]
+    drawn_m2 = before_m2[cell] + rng.random(len(cell)) * (until_m2 - before_m2)[cell]
+    triangle = np.searchsorted(covered_m2, drawn_m2, side="right")
+    triangle = np.clip(triangle, first[cell], first[cell + 1] - 1)
+    return cell, *cells.region.sample_triangles(rng, triangle)
+
+
 def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: int = 24) -> RadioMap:
     """Stands in every cell, at several places, facing all ways, with the doors open and closed (claim W13).
 
@@ -365,7 +383,7 @@ def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: i
     """
     if queries < 2:
         raise MapError(f"a survey needs doors open and closed: 2 queries or more per cell; got {queries}")
-    cell, polygon, xy_m = cells.sample_each(rng, queries)
+    cell, polygon, xy_m = sample_each(cells, rng, queries)
     number = np.tile(np.arange(queries), cells.num_cells)
     heading_rad = 2 * math.pi * (number + rng.random(len(cell))) / queries
     t_s = 30.0 * np.arange(len(cell))  # far enough apart to fade on their own

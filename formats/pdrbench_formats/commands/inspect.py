@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -13,7 +15,7 @@ import typer
 
 from pdrbench.building import Building
 from pdrbench.cli.options import exit_on
-from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes, say
+from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, say
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
 from pdrbench.io.log import Log
@@ -92,7 +94,7 @@ def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Pa
     kind = detect(file) if kind is None else kind
     options: dict[str, Any] = {"strict": strict} if columns is None else {"strict": strict, "columns": columns}
     if file.is_file() and file.stat().st_size > LARGE_BYTES and "progress" in READERS[kind].options:
-        with progress_of_bytes(file) as options["progress"]:
+        with _progress_of_bytes(file) as options["progress"]:
             return kind, read_file(file, kind, **options)
     return kind, read_file(file, kind, **options)
 
@@ -185,3 +187,16 @@ def _short(value: object) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+@contextlib.contextmanager
+def _progress_of_bytes(file: Path) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error while a file is read, moved by the bytes that were read; nothing in a log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    shown = Console(file=sys.stderr, markup=False)
+    with Progress(*columns, console=shown, transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(file.name, total=file.stat().st_size)
+        yield lambda num_bytes: bar.advance(task, num_bytes)

@@ -13,11 +13,12 @@ from typing import Final
 import numpy as np
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.building.connectivity import labels_of, reachable_parts, unreachable
+from pdrbench.building.connectivity import labels_of, reachable_parts
 from pdrbench.building.polygons import shapely_polygons
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench_formats.maps.assembly.shapes import is_sound
+from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.plan import Plan, Repair
 
 DOORS: Final = ("none", "nearest", "wide")

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pdrbench.building import Building
-from pdrbench.building.connectivity import lift_shafts, unreachable
+from pdrbench.building.connectivity import lift_shafts
 from pdrbench.io.geo import GeoFrame
+from pdrbench_formats.maps.houses import unreachable
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import WALL, Building
-from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels, unreachable
+from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.plan import Plan, level_table
 
 BETTER: Final = 0.15  # fraction of a walk that has to lie better inside before a plan is called mirrored or scaled

@@ -11,10 +11,10 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import WALL, Building
-from pdrbench.building.connectivity import unreachable
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture.plan import FLOOR_COLOURS, Bounds, draw_level, fill_rings
+from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.openings import is_guessed
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.pages.map_check import WalkCheck, plan_facts
