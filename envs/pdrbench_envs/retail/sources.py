@@ -83,8 +83,13 @@ class Site:
     plans: Mapping[tuple[str, str], Member]
 
 
-@functools.lru_cache(maxsize=4)
 def _archive(path: str) -> zipfile.ZipFile:
+    """An open archive of this process: one that is forked shares the place in the file that its parent has open."""
+    return _opened(path, os.getpid())
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(path: str, process: int) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 

@@ -103,6 +103,14 @@ def test_a_copy_is_indexed_and_remembered(download: Path, as_zip: bool) -> None:
     assert recording.building.contains(np.array([[25.0, 25.0], [25.0, 15.0]]), 0).tolist() == [False, True]
 
 
+def test_a_forked_process_reads_an_archive_by_itself(download: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = str(zipped(download))
+    mine = sources._archive(place)
+    assert sources._archive(place) is mine
+    monkeypatch.setattr(sources.os, "getpid", lambda: -1)
+    assert sources._archive(place) is not mine
+
+
 def test_surveys_are_of_other_outings(download: Path) -> None:
     near = download / "train" / SITE / "F1" / "a.txt"
     (near.with_name("near.txt")).write_text(walk_text(T0_MS + 300_000))  # five minutes after the first walk
