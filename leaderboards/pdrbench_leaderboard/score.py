@@ -132,21 +132,6 @@ def walk_values(estimates: Estimates, truth: Truth) -> dict[str, float]:
     return {name: scores[metric] for name, metric in METRICS.items()} | {"found_s": _found_s(estimates, truth)}
 
 
-def packed_values(drawn: DrawnPart, content: bytes) -> dict[str, FloatArray]:
-    """(W,) metrics of the walks of a part from the packed answers of its first division; "load" is not among them."""
-    whole, _ = answers.decode(content, drawn.env)
-    found: dict[str, list[float]] = {}
-    first = 0
-    for name in drawn.walks:
-        truth = read_truth(drawn, name)
-        last = first + len(truth.reference)
-        estimates = answers.from_whole_numbers(whole[:, first:last], truth.reference.t_s, answers.COARSE)
-        for metric, value in walk_values(estimates, truth).items():
-            found.setdefault(metric, []).append(value)
-        first = last
-    return {metric: np.array(values) for metric, values in found.items()}
-
-
 def _found_s(estimates: Estimates, truth: Truth) -> float:
     """Time of the first answer within 5 m on the right level; infinite where there is none."""
     reference: Trajectory = truth.reference

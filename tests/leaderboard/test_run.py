@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
+from pdrbench.evaluation import answers
 from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
@@ -82,14 +83,19 @@ def test_entries_hold_scores_of_their_answers(settings: Settings, mine: tuple[st
     )
     walks = record.read_walks(settings.root / "toy")
     for part in entry.parts:
-        drawn = draw(TOY.environment(ENV), part.part, SECRET, settings.work)
         found = part.divisions[0]
         assert found.statuses == "c" * len(walks[part.place].walks)
         for name in score.METRICS:
             assert all(value is not None for value in found.values[name]) == (name != "coverage")
-        content = record.read_answers(folder)
-        again = score.packed_values(drawn, record.answers_of(entry, content, part))
-        assert np.allclose(again["p75_m"], record.numbers(found.values["p75_m"]), rtol=1e-3)
+        whole, _ = answers.decode(record.answers_of(entry, record.read_answers(folder), part), "mine")
+        drawn = draw(TOY.environment(ENV), part.part, SECRET, settings.work)
+        first = 0
+        for name, stated in zip(drawn.walks, found.values["p75_m"], strict=True):
+            truth = read_truth(drawn, name)
+            last = first + len(truth.reference)
+            estimates = answers.from_whole_numbers(whole[:, first:last], truth.reference.t_s, answers.COARSE)
+            assert score.walk_values(estimates, truth)["p75_m"] == pytest.approx(stated, rel=1e-3)
+            first = last
 
 
 def test_what_is_done_is_skipped_and_what_lies_with_an_entry_is_played(

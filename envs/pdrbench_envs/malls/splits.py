@@ -14,7 +14,7 @@ import csv
 import functools
 import hashlib
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files as package_files
 from typing import Final
@@ -215,13 +215,3 @@ def _folds(train: Sequence[Outing]) -> tuple[tuple[Outing, ...], ...]:
 def _shuffled(outings: Iterable[Outing], draw: str) -> list[Outing]:
     key = f"pdrbench.malls {draw}".encode()
     return sorted(outings, key=lambda outing: hashlib.blake2b(outing[0].name.encode(), digest_size=8, key=key).digest())
-
-
-def facts_of_manifest(manifest: Mapping[str, list[Mapping[str, object]]]) -> str:
-    """The text of `walks.csv`, from the manifest that travels with the set."""
-    rows = ["path,session,start_s,duration_s"]
-    for row in manifest["files"]:
-        start_ms = row["start_time_ms"]
-        assert isinstance(start_ms, int)
-        rows.append(f"{row['path']},{row['recording_session']},{start_ms / 1000:.3f},{row['duration_s']}")
-    return "\n".join(rows) + "\n"

@@ -33,7 +33,7 @@ MAX_PIXELS: Final = 64_000_000
 DARK: Final = 0.5  # of white: darker pixels are wall
 MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
 ENTRANCES_M: Final = (0.0, 1.1, 2.0)  # wall to wall: closed, one leaf, two leaves
-MOST_INSIDE: Final = 0.8  # of what is inside with the widest entrance closed: less leaks out through one
+MAX_INSIDE: Final = 0.8  # of what is inside with the widest entrance closed: less leaks out through one
 MIN_OF_HULL: Final = 0.1  # of what walls span: less floor is what letters enclose
 MIN_ROOM_M2: Final = 4.0  # smaller ones all round which another room lies are tables, columns and letters
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
@@ -173,7 +173,7 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
     areas = [int(inside.sum()) for inside in found]
     if max(areas) * metres_per_pixel**2 < MIN_AREA_M2:
         return None
-    best = next(k for k, area in enumerate(areas) if area >= MOST_INSIDE * max(areas))
+    best = next(k for k, area in enumerate(areas) if area >= MAX_INSIDE * max(areas))
     return found[best], ENTRANCES_M[best]
 
 
