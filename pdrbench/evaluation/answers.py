@@ -114,30 +114,3 @@ def _unzigzag(planes: NDArray[np.uint8]) -> Whole:
         number |= plane.astype(np.uint64) << np.uint64(8 * place)
     step = (number >> np.uint64(1)).astype(np.int64) ^ -(number & np.uint64(1)).astype(np.int64)
     return np.cumsum(step)
-
-
-STEPS_PER_OCTAVE: Final = 8  # times are kept to 4.4 %: what a machine does besides changes them by more
-MIN_STEP_S: Final = 1e-7
-
-
-def time_counts(step_s: FloatArray) -> str:
-    """How often steps took how long: eighths of an octave above 0.1 us, and counts; NaN is left out.
-
-    >>> time_counts(np.array([1e-3, 1.01e-3, 0.5, np.nan]))
-    '106:2 178:1'
-    """
-    known = step_s[np.isfinite(step_s)]
-    bins = np.rint(STEPS_PER_OCTAVE * np.log2(np.maximum(known, MIN_STEP_S) / MIN_STEP_S)).astype(np.int64)
-    numbers, counts = np.unique(bins, return_counts=True)
-    return " ".join(f"{number}:{count}" for number, count in zip(numbers.tolist(), counts.tolist(), strict=True))
-
-
-def times(counts: str, rows: int) -> FloatArray:
-    """(rows,) wall times of steps in rising order, NaN at the end for those that were not measured."""
-    pairs = [pair.split(":") for pair in counts.split()]
-    bins = np.array([float(number) for number, _ in pairs])
-    ends = np.minimum(np.cumsum(np.array([int(count) for _, count in pairs], dtype=np.int64)), rows)
-    step_s = np.full(rows, np.nan)
-    known = np.repeat(MIN_STEP_S * 2.0 ** (bins / STEPS_PER_OCTAVE), np.diff(ends, prepend=0))
-    step_s[: len(known)] = known
-    return step_s

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from sample_buildings import bare_ring
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray
@@ -20,7 +21,6 @@ from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.reckoning import FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer, mean_move
 from pdrbench_baselines.learned.signals import HORIZON
-from pdrbench_sim.buildings.ring_floor import bare_ring
 
 
 def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool = False, doubt: float = 0.0) -> Move:

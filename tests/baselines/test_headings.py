@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from sample_buildings import bare_ring
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
@@ -23,7 +24,6 @@ from pdrbench_baselines.learned.localizer import motion_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
-from pdrbench_sim.buildings.ring_floor import bare_ring
 
 PARAMS = CompassParams()
 

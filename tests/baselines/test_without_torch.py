@@ -20,7 +20,7 @@ from pdrbench.radio import survey_of_readings
 from pdrbench.registry import make_localizer
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_sim.buildings.ring_floor import bare_ring
+from pdrbench_sim.buildings.assembly import one_room
 from dataclasses import replace
 
 rate_hz, count = 100.0, 600
@@ -40,13 +40,14 @@ places_m, nothing = np.array([[0.0, 0.0], [10.0, 0.0]]), np.zeros(2, dtype=np.in
 readings = np.array([[1.0, -50.0, 0.0], [1.0, -70.0, 0.0]])
 survey = survey_of_readings(places_m, nothing, np.arange(2), [1, 1], readings, surveyed=True)
 start = Start(np.zeros(2), 0, heading_rad=0.0)
+hall = one_room("hall", [(-9, -9), (9, -9), (9, 9), (-9, 9)])
 
 
 def walks(name, mounting):
     localizer = make_localizer(name)
     if hasattr(localizer, "tell"):
         localizer.tell(Trajectory(each_s, np.zeros((6, 2)), np.zeros(6, np.int64), np.ones(6, bool)))
-    localizer.reset(Briefing(bare_ring(), sensors, 0.5, start, survey, mounting=mounting), np.random.default_rng(0))
+    localizer.reset(Briefing(hall, sensors, 0.5, start, survey, mounting=mounting), np.random.default_rng(0))
     for now_s in np.arange(0.5, 6.5, 0.5):
         due = {name: one[(one[:, 0] > now_s - 0.5) & (one[:, 0] <= now_s)] for name, one in rows.items()}
         assert np.isfinite(localizer.step(Observation(now_s, due)).xy_m).all()

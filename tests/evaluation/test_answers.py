@@ -68,13 +68,3 @@ def block(rows: int, planes: tuple[int, ...], raw: bytes) -> bytes:
 def test_blocks_of_estimates_are_checked_before_they_grow(content: bytes, why: str) -> None:
     with pytest.raises(ResultError, match=why):
         answers.decode(content, "a walk")
-
-
-def test_times_come_back_in_order_and_to_four_percent() -> None:
-    step_s = np.random.default_rng(0).lognormal(-7.0, 1.0, 500)
-    step_s[::50] = np.nan
-    back = answers.times(answers.time_counts(step_s), 500)
-    known = np.sort(step_s[np.isfinite(step_s)])
-    assert np.abs(back[: len(known)] / known - 1.0).max() < 0.045
-    assert np.isnan(back[len(known) :]).all()
-    assert len(answers.times("0:9999999 1:9999999", 3)) == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
@@ -30,6 +31,13 @@ def stairs() -> Building:
     polygons.append(FloorPolygon("upper", outline, [w, w, w, w, num_treads, w], (num_treads + 1) * riser_m, 1))
     polygons.append(FloorPolygon("beside", rectangle(0, 6, 6, 8), [w] * 4, 0.0, 0))
     return Building("stairs", tuple(polygons))
+
+
+def bare_ring() -> Building:
+    """A corridor round a block without doors, 31 m by 15 m and 2 m wide; its middle line begins at (0, 0)."""
+    holes = (np.array(rectangle(1, 1, 30, 14))[::-1],)
+    ring = FloorPolygon("corridor", rectangle(-1, -1, 32, 16), [WALL] * 8, 0.0, 0, holes=holes)
+    return Building("ring", (ring,))
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:

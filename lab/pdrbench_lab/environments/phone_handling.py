@@ -42,7 +42,7 @@ def load(walk: str) -> Recording:
     """Three minutes by their id; the same ones whenever they are asked for."""
     from pdrbench_lab.papers.li2012.corridor_phone.corridor import CORRIDOR
     from pdrbench_lab.papers.li2012.handling import record_handling
-    from pdrbench_sim.buildings.ring_floor import corridor_polygon
+    from pdrbench_lab.papers.ring_floor import corridor_polygon
     from pdrbench_sim.people.route import Place
 
     split, index = WALKS.place_of(walk)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sample_buildings import bare_ring
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Observation
@@ -17,7 +18,6 @@ from pdrbench_baselines.frank2009.localizer import (
     Frank2009Params,
     WlanFrank2009,
 )
-from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.foot.known_walk import walk
 
 PLACES = [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [0.0, 30.0]]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_buildings import bare_ring
 
 from pdrbench.errors import RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
@@ -25,7 +26,6 @@ from pdrbench_baselines.learned.reckoning import Reckoner
 from pdrbench_baselines.learned.row_checks import check_rows
 from pdrbench_baselines.learned.signals import grid_signals, turned
 from pdrbench_baselines.learned.wlan import ScanLocator
-from pdrbench_sim.buildings.ring_floor import bare_ring
 
 SENSORS = ("accel", "gyro", "rotation")
 NETWORK = compiled_network("phone")

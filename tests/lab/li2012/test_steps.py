@@ -10,8 +10,8 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_lab.papers.li2012 import steps as li2012_steps
+from pdrbench_lab.papers.ring_floor import bare_ring
 from pdrbench_lab.step_count import StepCount, StepCountParams
-from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.people.route import navigation_mesh
 
 

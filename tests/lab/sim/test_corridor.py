@@ -20,7 +20,7 @@ from pdrbench_lab.papers.li2012.corridor_phone.corridor import (
     tapped,
 )
 from pdrbench_lab.papers.li2012.handling import record_handling
-from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
+from pdrbench_lab.papers.ring_floor import RingFloor, corridor_polygon, make_ring
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place
 

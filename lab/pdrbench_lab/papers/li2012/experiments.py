@@ -66,7 +66,7 @@ def variants(seed: int) -> dict[str, Any]:
     And to a rule of the paper: models that pass from particle to particle on the straight as well (L16).
     """
     from pdrbench_lab.papers.li2012.corridor_phone.corridor import CORRIDOR
-    from pdrbench_sim.buildings.ring_floor import make_ring
+    from pdrbench_lab.papers.ring_floor import make_ring
 
     crowd = Crowd(seed, _LAPS)
     doors = make_ring(replace(CORRIDOR, is_open=True), "corridor, doors open")

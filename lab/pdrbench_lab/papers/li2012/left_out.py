@@ -24,6 +24,7 @@ from pdrbench.inertial import GENTLE, find_steps
 from pdrbench.sensors.checks import rate_of
 from pdrbench_lab.adaptive_steps import AdaptiveStepParams, choose_steps, find_adaptive_steps, find_waves
 from pdrbench_lab.papers.li2012 import steps as walks
+from pdrbench_lab.papers.ring_floor import bare_ring
 from pdrbench_lab.readers import phone_steps
 from pdrbench_lab.reproduce.reproduction import (
     Claim,
@@ -33,7 +34,6 @@ from pdrbench_lab.reproduce.reproduction import (
     largest_over_seeds,
     mean_over_walks,
 )
-from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import stances

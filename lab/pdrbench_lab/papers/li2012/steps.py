@@ -19,8 +19,8 @@ from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, 
 from pdrbench_lab.papers.li2012.handling import TC1
 from pdrbench_lab.papers.li2012.handling_motion import HandlingParams, handling_motion
 from pdrbench_lab.papers.li2012.step_scores import EventMatch, match_events
+from pdrbench_lab.papers.ring_floor import bare_ring
 from pdrbench_lab.readers import phone_steps
-from pdrbench_sim.buildings.ring_floor import bare_ring
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import Stances, stances

@@ -23,7 +23,7 @@ from pdrbench.radio import survey_of_table
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
-from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
+from pdrbench_lab.papers.ring_floor import RingFloor, corridor_polygon, make_ring
 from pdrbench_sim.fields.magnetic import FOOT_M, MagneticParams, Sheet
 from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.people.person import PersonParams, draw_person

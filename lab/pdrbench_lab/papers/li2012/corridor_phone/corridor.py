@@ -17,7 +17,7 @@ from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Start
-from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
+from pdrbench_lab.papers.ring_floor import RingFloor, corridor_polygon, make_ring
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK

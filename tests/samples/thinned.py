@@ -1,16 +1,17 @@
 """Thinned copies of generated walks: every k-th row in whole steps, and whether a walk of today agrees with its copy.
 
-python -m pdrbench_sim.thinned write FOLDER ENV/WALK...
-python -m pdrbench_sim.thinned check FOLDER ENV/WALK...
+python tests/samples/thinned.py write FOLDER ENV/WALK...
+python tests/samples/thinned.py check FOLDER ENV/WALK...
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,33 +24,15 @@ from pdrbench.task import Task
 from pdrbench.trajectory import Start
 from pdrbench_sim.resolution import ANGLE_STEP_RAD, PLACE_STEP_M, STEPS, TIME_STEP_S, mag_step_ut, whole
 
+Columns = tuple[FloatArray, tuple[float | None, ...]]  # (rows, columns), and the step of each column
+
 MAX_ROWS: Final = 200  # of an array that are kept
+MAX_OTHER: Final = 1e-5  # fraction of values that may be another whole number, by one step
 _WHOLE: Final = 1e-6  # a value is in whole steps if it is that close to one
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
-    """How a walk compares with its copy.
-
-    Attributes:
-        values: That were compared.
-        other: Of them, those that are another whole number.
-        most: By so many steps at most.
-        wrong: What is not in whole steps, or has another number of rows.
-    """
-
-    values: int
-    other: int
-    most: int
-    wrong: tuple[str, ...]
-
-
-def arrays(task: Task, walk: str) -> dict[str, tuple[FloatArray, tuple[float | None, ...]]]:
-    """Everything that a generated walk hands out, briefs and scores.
-
-    Returns:
-        By name (rows, columns), and the step of each column: None where an inertial unit has its own.
-    """
+def arrays(task: Task, walk: str) -> dict[str, Columns]:
+    """Everything that a generated walk hands out, briefs and scores; a step is None where an inertial unit has its own."""
     recording = task.load(walk)
     found = {
         f"stream {name}": (stream.rows, tuple(_step_of(name, column, recording) for column in stream.spec.columns))
@@ -74,7 +57,7 @@ def _step_of(sensor: str, column: str, recording: Recording) -> float | None:
     return mag_step_ut(recording.mounting) if sensor == "mag" else None
 
 
-def _reference(recording: Recording) -> tuple[FloatArray, tuple[float | None, ...]]:
+def _reference(recording: Recording) -> Columns:
     way = recording.reference
     columns: list[tuple[FloatArray, float]] = [(way.t_s, TIME_STEP_S)]
     columns += [(way.xy_m[:, 0], PLACE_STEP_M), (way.xy_m[:, 1], PLACE_STEP_M)]
@@ -84,12 +67,12 @@ def _reference(recording: Recording) -> tuple[FloatArray, tuple[float | None, ..
     return np.column_stack([values for values, _ in columns]), tuple(step for _, step in columns)
 
 
-def _start(start: Start) -> tuple[FloatArray, tuple[float | None, ...]]:
+def _start(start: Start) -> Columns:
     heading_rad = 0.0 if start.heading_rad is None else start.heading_rad
     return np.array([[*start.xy_m, heading_rad, start.radius_m]]), (*(PLACE_STEP_M,) * 2, ANGLE_STEP_RAD, PLACE_STEP_M)
 
 
-def _survey(radio_map: RadioMap) -> dict[str, tuple[FloatArray, tuple[float | None, ...]]]:
+def _survey(radio_map: RadioMap) -> dict[str, Columns]:
     readings = np.column_stack([radio_map.access_point, radio_map.rssi_dbm, radio_map.age_s])
     places = np.column_stack([radio_map.xy_m, radio_map.level])
     return {
@@ -121,8 +104,13 @@ def _found_step(column: FloatArray) -> float:
     return float(np.median(gaps[np.abs(gaps - smallest) < 0.01 * smallest]))
 
 
-def agreement(task: Task, walk: str, copied: Mapping[str, Mapping[str, Any]]) -> Agreement:
-    """Compares a walk with its copy."""
+def agreement(task: Task, walk: str, copied: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Compares a walk with its copy.
+
+    Returns:
+        How many "values" were compared, how many of them are an "other" whole number, by how many steps at "most", and
+        what is "wrong": not in whole steps, or of another number of rows.
+    """
     now = arrays(task, walk)
     wrong = [f"{name} is new or missing" for name in sorted(now.keys() ^ copied.keys())]
     values, other, most = 0, 0, 0
@@ -137,38 +125,49 @@ def agreement(task: Task, walk: str, copied: Mapping[str, Mapping[str, Any]]) ->
             if (np.abs(kept / step - whole(kept, step)) > _WHOLE * np.maximum(1.0, np.abs(kept / step))).any():
                 wrong.append(f"{name}, column {number}, is not in whole steps of {step:g}")
             values, other, most = values + len(off), other + int((off > 0).sum()), max(most, int(off.max(initial=0)))
-    return Agreement(values, other, most, tuple(wrong))
+    return {"values": values, "other": other, "most": most, "wrong": wrong}
 
 
-def _by_env(names: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
+def check(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The agreement of each ENV/WALK with its copy."""
+    return {
+        name: agreement(make_task(env), walk, json.loads((folder / f"{env}.json").read_text(encoding="utf-8"))[walk])
+        for name in names
+        for env, _, walk in [name.partition("/")]
+    }
+
+
+def check_elsewhere(folder: Path, names: Iterable[str], variables: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """`check` in a child process with other variables of the environment; empty ones are left as they are."""
+    command = [sys.executable, __file__, "check", str(folder), *names]
+    environment = os.environ | {name: value for name, value in variables.items() if value}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+def assert_same(found: Mapping[str, Mapping[str, Any]]) -> None:
+    """Walks are their copies, but for the few values that lie on the edge of a step."""
+    assert {walk: one["wrong"] for walk, one in found.items() if one["wrong"]} == {}
+    values, other = (sum(one[name] for one in found.values()) for name in ("values", "other"))
+    assert values > 2000 * len(found)
+    assert other <= math.ceil(MAX_OTHER * values), found
+    assert max(one["most"] for one in found.values()) <= 1
+
+
+def main(action: str, folder: str, *names: str) -> None:
+    """The command of this file; `check` prints agreements as JSON."""
+    if action == "check":
+        print(json.dumps(check(Path(folder), names)))
+        return
     walks: dict[str, list[str]] = {}
-    for name in names:
-        env, _, walk = name.partition("/")
+    for env, _, walk in (name.partition("/") for name in names):
         walks.setdefault(env, []).append(walk)
-    yield from walks.items()
-
-
-def main(arguments: Sequence[str]) -> None:
-    """The command of this module; `check` prints a JSON object of agreements by environment and walk."""
-    action, folder, *names = arguments
-    found: dict[str, Any] = {}
-    for env, walks in _by_env(names):
-        task, path = make_task(env), Path(folder) / f"{env}.json"
-        if action == "write":
-            text = json.dumps({walk: copy_of(task, walk) for walk in walks}, separators=(",", ":"))
-            path.write_text(text.replace('"stream', '\n"stream') + "\n", encoding="utf-8")
-            continue
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        for walk in walks:
-            one = agreement(task, walk, stored[walk])
-            found[f"{env}/{walk}"] = {
-                "values": one.values,
-                "other": one.other,
-                "most": one.most,
-                "wrong": list(one.wrong),
-            }
-    print(json.dumps(found))  # noqa: T201
+    for env, of_env in walks.items():
+        text = json.dumps({walk: copy_of(make_task(env), walk) for walk in of_env}, separators=(",", ":"))
+        (Path(folder) / f"{env}.json").write_text(text.replace('"stream', '\n"stream') + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(*sys.argv[1:])
