@@ -38,14 +38,13 @@ from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.phone.population import ANY_MANNER, PhoneManner
-from pdrbench_sim.phone.sensors import sample_times
 from pdrbench_sim.radio.ble import BeaconParams, Beacons, make_beacons, receive_beacons
 from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walk
 from pdrbench_sim.radio.wlan import draw_receiver
 from pdrbench_sim.resolution import mag_step_ut, rounded
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import RigidMotion
+from pdrbench_sim.units.motion import RigidMotion, sample_times
 from pdrbench_sim.units.profiles import ImuProfile, imu_profile
 
 SENSORS: Final = ("accel", "gyro", "mag", "rotation", "baro", "wifi", "ble")

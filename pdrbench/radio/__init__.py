@@ -4,7 +4,7 @@ What is named here stays as it is within a major version; the modules below it m
 """
 
 from pdrbench.radio.cells import Cells, divide
-from pdrbench.radio.fingerprints import UNHEARD_DBM, FingerprintTable, cosine_distance, strength
+from pdrbench.radio.fingerprints import UNHEARD_DBM, FingerprintTable, strength
 from pdrbench.radio.matching import ScanMatcher
 from pdrbench.radio.surveys import middle_of_survey, scans_of, survey_of_readings, survey_of_table
 
@@ -13,7 +13,6 @@ __all__ = [
     "Cells",
     "FingerprintTable",
     "ScanMatcher",
-    "cosine_distance",
     "divide",
     "middle_of_survey",
     "scans_of",

@@ -76,23 +76,3 @@ def strength(rssi_dbm: FloatArray, power: float) -> FloatArray:
     """
     above: FloatArray = np.maximum(rssi_dbm - UNHEARD_DBM, 0.0)
     return above**power
-
-
-def cosine_distance(
-    fingerprints: FloatArray, scan: FloatArray, weight: FloatArray, squares: FloatArray | None = None
-) -> FloatArray:
-    """One minus the weighted cosine between a scan and each fingerprint; blind to a factor between two phones.
-
-    Args:
-        fingerprints: (S, A) strengths.
-        scan: (A,) strengths.
-        weight: (A,) how much each column counts.
-        squares: (S, A) `fingerprints**2`, where that is at hand: it takes most of the time.
-
-    Returns:
-        (S,) in [0, 1]; 1 where nothing is shared.
-    """
-    product = fingerprints @ (weight * scan)
-    norms = np.sqrt((fingerprints**2 if squares is None else squares) @ weight) * np.sqrt(weight @ scan**2)
-    cosine: FloatArray = np.divide(product, norms, out=np.zeros_like(product), where=norms > 0)
-    return 1.0 - cosine

@@ -65,7 +65,7 @@ def inverse_roots(norm2: Any) -> Any:
 
 @compiled
 def cosine_distances(lists: Any, access_point: Any, strength: Any, weight: Any) -> Any:
-    """(S,) `pdrbench.radio.cosine_distance` of a scan from each fingerprint; (0,) where no access point is known.
+    """(S,) one minus the weighted cosine between a scan and each fingerprint; (0,) where no access point is known.
 
     Sums go from access point to access point. Where no reading is too light, only the lists of the scan are read.
 

@@ -1,9 +1,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from pdrbench.radio import UNHEARD_DBM, FingerprintTable, cosine_distance, strength
+from pdrbench.radio import UNHEARD_DBM, FingerprintTable, strength
 from pdrbench.recording import RadioMap
 
 
@@ -37,20 +36,6 @@ def test_a_survey_without_fresh_readings_is_empty() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=-1.0)
     assert table.rssi_dbm.shape == (3, 0)
     assert not table.columns(np.array([10.0]))[1].any()
-
-
-def test_cosine_distance_closed_forms() -> None:
-    fingerprints = np.array([[1.0, 0.0], [0.0, 2.0], [3.0, 3.0], [0.0, 0.0]])
-    distance = cosine_distance(fingerprints, np.array([5.0, 0.0]), np.ones(2))
-    assert distance == pytest.approx([0.0, 1.0, 1 - np.sqrt(0.5), 1.0])
-
-
-def test_cosine_distance_is_blind_to_scale_and_weights_count_like_copies(rng: np.random.Generator) -> None:
-    fingerprints, scan = rng.random((7, 4)), rng.random(4)
-    plain = cosine_distance(fingerprints, scan, np.ones(4))
-    assert cosine_distance(fingerprints, 3 * scan, np.ones(4)) == pytest.approx(plain)
-    doubled = cosine_distance(np.repeat(fingerprints, 2, axis=1), np.repeat(scan, 2), np.ones(8))
-    assert cosine_distance(fingerprints, scan, np.full(4, 2.0)) == pytest.approx(doubled)
 
 
 def test_strength_grows_from_zero_at_missing() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import FloatArray
-from pdrbench.radio import ScanMatcher, cosine_distance, strength, survey_of_readings
+from pdrbench.radio import ScanMatcher, strength, survey_of_readings
 from pdrbench.radio.kernels import MIN_WEIGHT
 from pdrbench.radio.matching import FRESHNESS_PER_S, POWER
 from pdrbench.recording import RadioMap
@@ -42,7 +42,9 @@ def dense_distance(dense: FloatArray, scan: FloatArray) -> FloatArray:
     strengths, weight = np.zeros(NUM_ACCESS_POINTS), np.ones(NUM_ACCESS_POINTS)
     strengths[scan[:, 0].astype(int)] = strength(scan[:, 1], POWER)
     weight[scan[:, 0].astype(int)] = FRESHNESS_PER_S ** scan[:, 2]
-    return cosine_distance(strength(dense, POWER), strengths, weight)
+    fingerprints = strength(dense, POWER)
+    norms = np.sqrt(fingerprints**2 @ weight * (weight @ strengths**2))
+    return 1.0 - np.divide(fingerprints @ (weight * strengths), norms, out=np.zeros(len(norms)), where=norms > 0)
 
 
 def test_two_access_points_in_closed_form() -> None:

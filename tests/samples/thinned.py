@@ -32,7 +32,7 @@ _WHOLE: Final = 1e-6  # a value is in whole steps if it is that close to one
 
 
 def arrays(task: Task, walk: str) -> dict[str, Columns]:
-    """Everything that a generated walk hands out, briefs and scores; a step is None where an inertial unit has its own."""
+    """All that a generated walk hands out, briefs and scores; a step is None where an inertial unit has its own."""
     recording = task.load(walk)
     found = {
         f"stream {name}": (stream.rows, tuple(_step_of(name, column, recording) for column in stream.spec.columns))

@@ -6,6 +6,7 @@ samples are its derivatives: of fourth order, they lose 0.1 % of an acceleration
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.geometry import FloatArray, read_only
+from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.inertial.quaternions import inverse, multiply, to_world
 
 GRAVITY_MPS2: Final = 9.81
@@ -91,3 +92,9 @@ def _second(values: FloatArray, step: float) -> FloatArray:
     bend[2:-2] = (16 * (values[3:-1] + values[1:-3]) - (values[4:] + values[:-4]) - 30 * values[2:-2]) / (12 * step**2)
     bend[:2], bend[-2:] = bend[2], bend[-3]
     return bend
+
+
+def sample_times(motion: RigidMotion, end_s: float, rate_hz: float) -> tuple[FloatArray, IntArray]:
+    """(m,) even times from 0 to `end_s` and the sample of a motion nearest to each."""
+    t_s = np.arange(math.floor(end_s * rate_hz) + 1) / rate_hz
+    return t_s, np.minimum(np.rint(t_s * motion.rate_hz).astype(np.int64), len(motion) - 1)

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.evaluation.number_text import SHARE
 from pdrbench.geometry import FloatArray
 from pdrbench_lab.foot_ins import disturbed, left_out
 from pdrbench_lab.foot_ins.experiments import LOOPS, SHORT, VICON, WALKS
 from pdrbench_lab.reproduce import reproduction
+from pdrbench_lab.reproduce.number_text import SHARE
 from pdrbench_lab.reproduce.reproduction import (
     Claim,
     Experiment,

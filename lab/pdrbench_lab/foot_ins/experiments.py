@@ -37,7 +37,7 @@ from pdrbench.metrics.odometry import align_se2
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE
 from pdrbench.trajectory import Trajectory
-from pdrbench_lab.readers import foot_dual, foot_loops, foot_short
+from pdrbench_lab.readers import foot_dual, foot_loops, foot_short, foot_vicon_labels
 from pdrbench_sim.foot.known_walk import walk as synthetic_walk
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
@@ -164,8 +164,8 @@ def capture_labels(seed: int) -> dict[str, Any]:
     """
     found: dict[str, list[float]] = defaultdict(list)
     for walk in walks_of("foot_vicon"):
-        published = foot_vicon.read_published(walk.path)
-        for name in foot_vicon.DETECTORS:
+        published = foot_vicon_labels.read_published(walk.path)
+        for name in foot_vicon_labels.DETECTORS:
             states = navigate(*walk.rows, LITERAL, rest=labelled(walk, published, name))
             found[f"labels_{name}_m"].append(rmse_m(states, walk.reference))
             if name == "shoe":
@@ -284,7 +284,7 @@ def units_of(env: str) -> IntArray:
     return np.unique(names, return_inverse=True)[1].astype(np.int64)
 
 
-def labelled(walk: FootWalk, published: foot_vicon.Published, name: str) -> Rest:
+def labelled(walk: FootWalk, published: foot_vicon_labels.Published, name: str) -> Rest:
     """Zero velocity where the authors labelled it."""
     sample = np.searchsorted(published.t_s, walk.t_s).clip(max=len(published.t_s) - 1)
     is_rest = published.zero_velocity[name][sample]

@@ -67,9 +67,9 @@ def truth(walk: FootWalk) -> tuple[BoolArray, BoolArray]:
 def by_authors(walk: FootWalk) -> tuple[BoolArray, BoolArray]:
     """Where the foot rests by the detector, with the threshold, of least error in this trial; known everywhere."""
     from pdrbench_lab.foot_ins.experiments import labelled
-    from pdrbench_sim.readers import foot_vicon
+    from pdrbench_lab.readers import foot_vicon_labels
 
-    published = foot_vicon.read_published(walk.path)
+    published = foot_vicon_labels.read_published(walk.path)
     best = min(published.error_m, key=lambda name: published.error_m[name])
     return labelled(walk, published, best).is_rest, np.ones(len(walk.t_s), dtype=np.bool_)
 

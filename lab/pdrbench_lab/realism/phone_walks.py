@@ -17,12 +17,12 @@ from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench_lab.realism.block import Block, Control, Part, RealismStatistic, Values
+from pdrbench_lab.realism.phone_rows import phone_rows
 from pdrbench_lab.realism.survey_walk import survey_walk
 from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
 from pdrbench_sim.people.strides import stances
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.phone import phone_motion
-from pdrbench_sim.phone.sensors import phone_rows
 from pdrbench_sim.readers import ilc20
 from pdrbench_sim.units.profiles import imu_profile
 

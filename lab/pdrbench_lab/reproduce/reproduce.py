@@ -14,7 +14,6 @@ from typing import Any, Final
 
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import JobContext, check_counts
-from pdrbench.evaluation.number_text import three_digits
 from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.registry import (
@@ -26,6 +25,7 @@ from pdrbench.registry import (
     localizers,
 )
 from pdrbench_lab.reproduce.experiments import measure, plain_numbers, plan_experiments
+from pdrbench_lab.reproduce.number_text import three_digits
 from pdrbench_lab.reproduce.reproduction import (
     REPRODUCTIONS_GROUP,
     Claim,

@@ -25,10 +25,10 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.evaluation.number_text import SHARE, three_digits
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics.position import percentile
 from pdrbench.metrics.statistics import CONFIDENCE, mean_interval, quantile_interval
+from pdrbench_lab.reproduce.number_text import SHARE, three_digits
 
 REPRODUCTIONS_GROUP: Final = "pdrbench.reproductions"  # of entry points
 Numbers = Mapping[str, float | FloatArray]  # what an experiment returned for one seed: numbers or (N,) arrays by name

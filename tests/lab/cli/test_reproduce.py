@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pdrbench import registry
-from pdrbench.evaluation.number_text import three_digits
+from pdrbench_lab.reproduce.number_text import three_digits
 
 SOURCE = Path(__file__).parents[1] / "reproduce" / "plugin" / "toy_claims.py"
 

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.evaluation.number_text import SHARE
 from pdrbench_lab.papers.frank2009.radio import UJI, UJI_CLAIMS
+from pdrbench_lab.reproduce.number_text import SHARE
 from pdrbench_lab.reproduce.reproduction import Claim, Experiment, Gate, Reproduction
 from pdrbench_lab.reproduce.reproduction import largest_over_seeds as largest
 from pdrbench_lab.reproduce.reproduction import mean_over_seeds as mean

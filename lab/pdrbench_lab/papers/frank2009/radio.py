@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.datasets import find
-from pdrbench.evaluation.number_text import SHARE
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.radio import UNHEARD_DBM, strength
 from pdrbench_baselines.frank2009.histograms import UNKNOWN, HistogramTable, Unknown
 from pdrbench_baselines.wifi_knn import WifiKnnParams
+from pdrbench_lab.reproduce.number_text import SHARE
 from pdrbench_lab.reproduce.reproduction import Claim, Experiment, Gate, median_over_seeds
 from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, read
 

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.evaluation.number_text import SHARE
 from pdrbench.geometry import FloatArray
 from pdrbench_lab.papers.li2012.paper_size import (
     Sample,
@@ -20,6 +19,7 @@ from pdrbench_lab.papers.li2012.paper_size import (
     percent_of,
     percentile_of_steps,
 )
+from pdrbench_lab.reproduce.number_text import SHARE
 from pdrbench_lab.reproduce.reproduction import (
     Claim,
     Experiment,

@@ -14,10 +14,11 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.papers.li2012.handling_motion import HandlingParams, handling_motion
+from pdrbench_lab.realism.phone_rows import phone_rows
 from pdrbench_sim.people.route import Place
-from pdrbench_sim.phone.sensors import phone_rows, sample_times
 from pdrbench_sim.record import BuildingScene
 from pdrbench_sim.resolution import rounded
+from pdrbench_sim.units.motion import sample_times
 from pdrbench_sim.units.profiles import imu_profile
 
 DEVICE: Final = "phone_mid"

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.evaluation.number_text import SHARE
 from pdrbench_lab.papers.woodman2008.misses import RADIO
+from pdrbench_lab.reproduce.number_text import SHARE
 from pdrbench_lab.reproduce.reproduction import (
     Claim,
     Experiment,

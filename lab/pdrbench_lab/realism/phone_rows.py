@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import to_world
 from pdrbench_sim.phone.heading import AttitudeErrorParams, rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import ImuProfile
-
-
-def sample_times(motion: RigidMotion, end_s: float, rate_hz: float) -> tuple[FloatArray, IntArray]:
-    """(m,) even times from 0 to `end_s` and the sample of a motion nearest to each."""
-    t_s = np.arange(math.floor(end_s * rate_hz) + 1) / rate_hz
-    return t_s, np.minimum(np.rint(t_s * motion.rate_hz).astype(np.int64), len(motion) - 1)
 
 
 def phone_rows(
