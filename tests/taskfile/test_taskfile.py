@@ -241,11 +241,12 @@ def test_a_recording_begins_at_the_place_that_is_its_start(folder: Path) -> None
         ("t_s,x_m,y_m\n", "no places"),
         ("time,u,v\n0,1,2\n", "a table of places has t_s,x_m,y_m,level"),
         ("unix_s,x_m,y_m\n1700000000,1,2\n", "does not say when it began"),
-        ("t_s,x_m,y_m\n0,1,north\n", "line 2: y_m is 'north', no finite number"),
-        ("t_s,x_m,y_m\n0,1\n", "line 2: 2 fields, the header has 3"),
+        ("t_s,x_m,y_m\n0,1,north\n", "line 2: y_m is 'north': no number"),
+        ("t_s,x_m,y_m\n0,1\n", "no places"),
         ("t_s,x_m,y_m,level\n0,1,2,0.5\n", "a level is a whole number"),
         ("t_s,x_m,y_m\n0,1,2\n0,3,4\n", "t_s does not increase"),
-        ("t_s,x_m,y_m\n\n0,1,nan\n", "line 3: y_m is 'nan'"),
+        ("t_s,x_m,y_m\n0,1,2\n1,2\n2,3,4\n3,4,5\n", "line 3: 2 fields, expected 3"),
+        ("t_s,x_m,y_m\n0,1,nan\n", "line 2: y_m is ''"),
     ],
 )
 def test_tables_of_places_that_are_wrong(text: str, why: str, folder: Path) -> None:

@@ -19,24 +19,24 @@ _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _UNIT_NAMES: Final = {
     "accel_unit": {
-        "m/s^2": ("m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s^-2"),
+        "m/s^2": ("m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s^-2", "м/с²", "м/с^2"),
         "g": ("g",),
         "mg": ("mg",),
     },
     "gyro_unit": {
-        "rad/s": ("rad/s", "rads", "radps", "rps", "rad/sec", "rad s^-1", "radians/s", "1/s"),
+        "rad/s": ("rad/s", "rads", "radps", "rps", "rad/sec", "rad s^-1", "radians/s", "1/s", "рад/с"),
         "deg/s": ("deg/s", "degs", "degps", "dps", "deg/sec", "°/s", "degrees/s"),
         "mdeg/s": ("mdps", "mdeg/s"),
     },
     "mag_unit": {
-        "uT": ("ut", "µt", "μt", "microtesla", "microteslas"),
+        "uT": ("ut", "µt", "μt", "microtesla", "microteslas", "мктл"),
         "mT": ("mt",),
         "nT": ("nt",),
         "T": ("t", "tesla"),
         "G": ("gauss", "g"),
         "mG": ("mgauss", "mg"),
     },
-    "baro_unit": {"hPa": ("hpa",), "Pa": ("pa",), "kPa": ("kpa",), "mbar": ("mbar", "millibar"), "bar": ("bar",)},
+    "baro_unit": {"hPa": ("hpa", "гпа"), "Pa": ("pa",), "kPa": ("kpa",), "mbar": ("mbar", "millibar"), "bar": ("bar",)},
     "time_unit": {
         unit: tuple(
             dict.fromkeys(
@@ -135,7 +135,9 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     groups: dict[tuple[int, str, str], dict[str, str]] = {}
     for name, (base, unit) in named.items():
         for axis, stem in _axes_of(base):
-            kind, rank = (sensor or _sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
+            kind, rank = (sensor or sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
+            if not kind and not any(word in stem for word in _OTHER):
+                kind, rank = sensor_by(unit), 2  # a word of another language
             if kind and axis not in groups.setdefault((rank, kind, stem), {}):
                 groups[rank, kind, stem][axis] = name
     whole = {
@@ -148,8 +150,8 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
             key: names for key, names in whole.items() if key[1] in ((kind, "linear") if kind == "accel" else (kind,))
         }
         if kind == "accel" and len(of) > 1:
-            of = {key: names for key, names in of.items() if _has_gravity(table, names)} or of
-        if kind == "gravity" and ("accel" not in found or _has_gravity(table, found["accel"])):
+            of = {key: names for key, names in of.items() if has_gravity(table, names)} or of
+        if kind == "gravity" and ("accel" not in found or has_gravity(table, found["accel"])):
             continue
         best = min(of, key=lambda key: (key[1] == "linear", key[0]), default=None)
         if best is not None:
@@ -160,6 +162,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     baro = next((bases[base] for base in _BARO_NAMES if base in bases), None)
     if baro is None and sensor == "baro":
         baro = next((bases[base] for base in ("x", *_FILLERS) if base in bases), None)
+    baro = baro or next((name for name, (_, unit) in named.items() if unit_of("baro_unit", unit)), None)
     if baro is not None and (named[baro][0] != "p" or _is_pressure(table, baro)):
         found["baro"] = baro
     level = next((bases[base] for base in LEVEL_NAMES if base in bases), None)
@@ -194,8 +197,8 @@ def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:
     return DelimitedTable(table.path, columns, table.first_line, table.mended, table.dropped)
 
 
-def _sensor_by(unit: str) -> str:
-    """The sensor that alone is measured in a unit; g is of accelerations."""
+def sensor_by(unit: str) -> str:
+    """The sensor with axes that alone is measured in a unit; g is of accelerations."""
     return next((kind for kind in ("accel", "gyro", "mag") if unit_of(f"{kind}_unit", unit)), "")
 
 
@@ -273,9 +276,7 @@ def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
     if not times or len(names) < times[0] + 4:
         return None
     vectors = [tuple(names[k : k + 3]) for k in range(times[0] + 1, len(names) - 2, 3)]
-    force = next(
-        (vector for vector in vectors if _has_gravity(table, vector) and _is_gravity_long(table, vector)), None
-    )
+    force = next((vector for vector in vectors if has_gravity(table, vector) and _is_gravity_long(table, vector)), None)
     if force is None:
         return None
     found: dict[str, Any] = {"time": names[times[0]], "accel": force, "header_line": 0}
@@ -357,7 +358,7 @@ def _seen(table: DelimitedTable, names: Sequence[str]) -> FloatArray:
     return finite(values)
 
 
-def _has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
+def has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
     """Whether the mean of a vector over some rows is about as long as the vector: the shaking of a walk cancels."""
     values = _seen(table, names)
     if not len(values):
@@ -448,7 +449,7 @@ def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], 
     usual = float(np.median(size))
     factors = UNITS[f"{sensor}_unit"]
     if sensor == "accel":
-        is_g = _has_gravity(table, names)  # without it, shaking alone may measure 1 m/s^2
+        is_g = has_gravity(table, names)  # without it, shaking alone may measure 1 m/s^2
         return "g" if is_g and 0.8 < usual < 1.25 else "mg" if is_g and 800 < usual < 1250 else "m/s^2"
     if sensor == "gyro":
         return "deg/s" if _in_degrees(table, found, size) else "rad/s"

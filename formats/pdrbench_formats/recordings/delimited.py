@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -90,10 +90,14 @@ class DelimitedTable:
         if len(odd) > (0 if self.exact else most_odd(len(numbers))):
             came = _text(values[odd[0]])
             why = "a decimal comma; write a point" if "," in came else "no number; delete the row or export it again"
-            raise RecordingError(f"{self.path}: line {self.first_line + odd[0]}: {name} is {came[:40]!r}: {why}")
+            raise self.error(odd[0], f"{name} is {came[:40]!r}: {why}")
         if odd:
             self.dropped[f"{name} is no number"] = len(odd)
         return numbers
+
+    def error(self, row: int, what: str) -> RecordingError:
+        """What is wrong in a row."""
+        return RecordingError(f"{self.path}: line {self.first_line + row}: {what}")
 
     def whole(self, name: str) -> NDArray[np.int64] | None:
         """(N,) one column of whole numbers, exact; None where it holds anything else."""
@@ -129,6 +133,7 @@ def read_delimited(
     separator: str | None = None,
     decimal: str | None = None,
     header_line: int | None = None,
+    texts: Collection[str] = (),
     exact: bool = False,
 ) -> DelimitedTable:
     """Reads a table.
@@ -141,6 +146,7 @@ def read_delimited(
         decimal: "." or ","; found in the first rows where None.
         header_line: Line of the header, from 1; what stands above it is left out; 0 where there is none, and the
             columns are named "1", "2" and so on; None to find it by the lines below it.
+        texts: Names of columns that are read as texts, whatever they look like.
         exact: Refuse each line that is no row, as of a published set, but a last one that is cut.
 
     Raises:
@@ -181,6 +187,7 @@ def read_delimited(
             header=None,
             names=[name or f"unnamed {place}" for place, name in enumerate(names)],
             index_col=False,
+            dtype=dict.fromkeys(texts, str),
             skipinitialspace=True,
             low_memory=False,
             skip_blank_lines=True,

@@ -15,8 +15,8 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.log import Log
 from pdrbench.sensors.checks import SAMPLED
-from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_guesses
-from pdrbench_formats.recordings.columnguess import guess, sensor_in, turns_in_degrees
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down, note_guesses
+from pdrbench_formats.recordings.columnguess import guess, has_gravity, sensor_in, turns_in_degrees
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, streams_of, unix_s
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
@@ -49,13 +49,30 @@ class _Explained:
     columns: ColumnMap
     assumed: Sequence[str]
 
+    @property
+    def lacks_gravity(self) -> bool:
+        """Whether it holds an acceleration without gravity."""
+        return self.columns.accel is not None and not has_gravity(self.source.table, self.columns.accel)
+
     def begin_s(self, unit: str = "") -> float:
         """The first time, in a unit of time."""
         return clock(self.source.table, self.columns.time, unit or self.columns.time_unit)[1]
 
 
-def join_tables(path: Path, tables: Iterable[SensorTable], tally: Tally, *, strict: bool) -> Log:
+def join_tables(
+    path: Path, tables: Iterable[SensorTable], tally: Tally, *, strict: bool, device: str = "", may_sort: bool = False
+) -> Log:
     """A log of tables; one in which no sensor is recognised is listed among what was skipped.
+
+    Of two accelerations the one with gravity is read, of two attitudes the one without the magnetometer.
+
+    Args:
+        path: Named in errors.
+        tables: Of one recording.
+        tally: Counts what is left out.
+        strict: As in `assemble`.
+        device: That recorded it.
+        may_sort: Whether rows may come late.
 
     Raises:
         RecordingError: Nothing is recognised, two tables hold one sensor, or two clocks do not agree; names both.
@@ -75,10 +92,10 @@ def join_tables(path: Path, tables: Iterable[SensorTable], tally: Tally, *, stri
     begin_s = min(one.begin_s() for one in explained)
     streams: dict[str, FloatArray] = {}
     sources: dict[str, _Explained] = {}
-    for one in sorted(explained, key=_attitude_rank):
+    for one in sorted(explained, key=lambda one: (one.lacks_gravity, _attitude_rank(one))):
         t_s, first_s = clock(one.source.table, one.columns.time, one.columns.time_unit)
         for kind, rows in streams_of(one.source.table, one.columns, t_s + (first_s - begin_s), tally).items():
-            if kind == "rotation" and kind in streams:
+            if kind in streams and (kind == "rotation" or (kind == "accel" and one.lacks_gravity)):
                 tally.skipped[one.source.name] += 1
             elif kind in streams and not np.array_equal(rows, streams[kind]):
                 raise RecordingError(
@@ -95,7 +112,11 @@ def join_tables(path: Path, tables: Iterable[SensorTable], tally: Tally, *, stri
             guesses = [guess.replace("gyro_unit 'rad/s'", "gyro_unit 'deg/s'") for guess in guesses]
     if guesses:
         note_guesses(tally, guesses)
-    return assemble(path, streams, origin=Origin(start_unix_s=unix_s(begin_s)), tally=tally, strict=strict)
+    if "accel" in streams and "rotation" not in streams and not sources["accel"].lacks_gravity:
+        note_face_down(tally, streams["accel"][:, 1:], "turn the three columns round, with a minus in a column map")
+    origin = Origin(device, unix_s(begin_s))
+    sorted_in = tuple(streams) if may_sort else ()
+    return assemble(path, streams, origin=origin, tally=tally, allow_unsorted=sorted_in, strict=strict)
 
 
 def _attitude_rank(one: _Explained) -> int:

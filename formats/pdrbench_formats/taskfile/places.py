@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.io.container import open_container
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.text import clean_text
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
 from pdrbench_formats.recordings.columnmap import clock as clock_of
-from pdrbench_formats.recordings.delimited import (
-    BLANKS,
-    COMMENTS,
-    DelimitedTable,
-    decimal_of,
-    find_layout,
-    split_header,
-)
+from pdrbench_formats.recordings.delimited import BLANKS, DelimitedTable, find_layout, read_delimited
 
 CLOCKS: Final = {"t_s": 1.0, "unix_s": 1.0, "unix_ms": 1e-3}  # columns of time, and their unit in seconds
 FRAMES: Final = (("x_m", "y_m"), ("lat_deg", "lon_deg"))
@@ -103,12 +97,12 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
     """
     table = read_table(path, EXAMPLE)
     clock = next((name for name in CLOCKS if name in table.columns), None)
-    if clock is None or not table.has_places:
+    if clock is None or not has_places(table.columns):
         raise RecordingError(
             f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of places has {EXAMPLE}, with unix_s "
             f"or unix_ms for times since 1970 and lat_deg,lon_deg for degrees"
         )
-    t_s = table.numbers(clock) * CLOCKS[clock]
+    t_s = finite(table, clock) * CLOCKS[clock]
     if clock != "t_s":
         if start_unix_s is None:
             raise RecordingError(
@@ -116,7 +110,7 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
                 f"seconds from its first row"
             )
         t_s = t_s - start_unix_s
-    xy_m, level, geo = table.places()
+    xy_m, level, geo = places_in(table)
     order = np.argsort(t_s, kind="stable")
     is_surveyed = np.ones(len(t_s), dtype=np.bool_)
     try:
@@ -125,59 +119,42 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
         raise RecordingError(f"{path}: {error}") from error
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class PlaceTable:
-    """A small table of text with a place in each line.
+def has_places(names: Collection[str]) -> bool:
+    """True where there are columns of places."""
+    return any(set(pair) <= set(names) for pair in FRAMES)
 
-    Attributes:
-        path: Of its file.
-        columns: (N,) texts by name.
-        lines: (N,) number of each line in the file.
+
+def places_in(table: DelimitedTable) -> tuple[FloatArray, IntArray, GeoFrame | None]:
+    """Metres (N, 2) and level (N,) of the places of a table, and their frame where they are degrees."""
+    frame = next(pair for pair in FRAMES if set(pair) <= set(table.columns))
+    xy = np.column_stack([finite(table, name) for name in frame])
+    level = finite(table, "level", 0.0)
+    if (level != np.rint(level)).any():
+        row = int(np.flatnonzero(level != np.rint(level))[0])
+        raise table.error(row, f"a level is a whole number, 0 for the ground; got {level[row]:g}")
+    geo = None
+    if frame != FRAMES[0]:
+        geo = frame_at(xy[:, 0], xy[:, 1])
+        xy = geo.to_local(xy[:, 0], xy[:, 1])
+    return xy, level.astype(np.int64), geo
+
+
+def finite(table: DelimitedTable, name: str, usual: float | None = None) -> FloatArray:
+    """(N,) one column without an empty field; `usual` where there is none.
+
+    Raises:
+        RecordingError: A field is no finite number.
     """
-
-    path: Path
-    columns: Mapping[str, Sequence[str]]
-    lines: Sequence[int]
-
-    @property
-    def has_places(self) -> bool:
-        """True where there are columns of places."""
-        return any(set(pair) <= set(self.columns) for pair in FRAMES)
-
-    def places(self) -> tuple[FloatArray, IntArray, GeoFrame | None]:
-        """Metres (N, 2) and level (N,) of the places, and their frame where they are degrees."""
-        frame = next(pair for pair in FRAMES if set(pair) <= set(self.columns))
-        xy = np.column_stack([self.numbers(name) for name in frame])
-        level = self.numbers("level", 0.0)
-        if (level != np.rint(level)).any():
-            row = int(np.flatnonzero(level != np.rint(level))[0])
-            raise self.error(row, f"a level is a whole number, 0 for the ground; got {level[row]:g}")
-        geo = None
-        if frame != FRAMES[0]:
-            geo = frame_at(xy[:, 0], xy[:, 1])
-            xy = geo.to_local(xy[:, 0], xy[:, 1])
-        return xy, level.astype(np.int64), geo
-
-    def numbers(self, name: str, usual: float | None = None) -> FloatArray:
-        """(N,) one column; `usual` where there is none.
-
-        Raises:
-            RecordingError: A field is no finite number.
-        """
-        if usual is not None and name not in self.columns:
-            return np.full(len(self.lines), usual)
-        numbers = np.array([_number(field) for field in self.columns[name]])
-        if not np.isfinite(numbers).all():
-            row = int(np.flatnonzero(~np.isfinite(numbers))[0])
-            raise self.error(row, f"{name} is {self.columns[name][row][:80]!r}, no finite number; leave the line out")
-        return numbers
-
-    def error(self, row: int, what: str) -> RecordingError:
-        """What is wrong in a line."""
-        return RecordingError(f"{self.path}: line {self.lines[row]}: {what}")
+    if usual is not None and name not in table.columns:
+        return np.full(len(table), usual)
+    numbers = table.numbers(name)
+    if not np.isfinite(numbers).all():
+        row = int(np.flatnonzero(~np.isfinite(numbers))[0])
+        raise table.error(row, f"{name} is {table.texts(name)[row]!r}, no finite number; leave the line out")
+    return numbers
 
 
-def read_table(path: Path, example: str) -> PlaceTable:
+def read_table(path: Path, example: str) -> DelimitedTable:
     """Reads a small table, with columns under the names of `example` whatever they are called.
 
     Args:
@@ -187,96 +164,81 @@ def read_table(path: Path, example: str) -> PlaceTable:
     Raises:
         RecordingError: It cannot be read, has no line below the header, or a line has another number of fields.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}; check the path") from error
-    content = clean_text(content, path, latin_1=True).content if content.strip() else b""
-    layout = find_layout(content)
+    content = open_container(path).read(path.name)
+    layout = find_layout(clean_text(content, path, latin_1=True).content) if content.strip() else None
+    nothing = RecordingError(f"{path}: no places; write a line {example} and one for each place below it")
     if layout is None:
-        raise RecordingError(f"{path}: no places; write a line {example} and one for each place below it")
-    names = list(layout.names)
-    if not layout.line and layout.separator == BLANKS and len(names) == len(_TUM):
-        names = list(_TUM)
-    rows, lines = [], []
-    first = layout.first_line - 1
-    body = content.decode().split("\n")[first:]
-    decimal = decimal_of("\n".join(body)[:4096].encode(), layout.separator)
-    for line, text in enumerate(body, first + 1):
-        fields = text.split() if layout.separator == BLANKS else split_header(text, layout.separator, drop=False)
-        if not text.strip() or text.startswith(COMMENTS):
-            continue
-        if len(fields) == len(names) + 1 and not fields[-1]:
-            fields.pop()
-        if len(fields) != len(names):
-            raise RecordingError(f"{path}: line {line}: {len(fields)} fields, the header has {len(names)}")
-        rows.append([field.replace(",", ".") for field in fields] if decimal == "," else fields)
-        lines.append(line)
-    columns = {name: list(values) for name, values in zip(names, zip(*rows, strict=True), strict=True)}
-    return PlaceTable(path, _canonical(columns), lines)
+        raise nothing
+    is_tum = not layout.line and layout.separator == BLANKS and len(layout.names) == len(_TUM)
+    table = read_delimited(
+        content,
+        path,
+        names=_TUM if is_tum else None,
+        separator=layout.separator,
+        header_line=None if layout.line else 0,
+        texts=[name for name in layout.names if name_of(name) == SENDER],
+        exact=True,
+    )
+    if not len(table):
+        raise nothing
+    return dataclasses.replace(table, columns=_canonical(table))
 
 
 def table_names(content: bytes) -> set[str]:
     """Names of the columns of a table under the names that are used here; none of anything else."""
     layout = find_layout(content)
-    return set() if layout is None else set(_canonical({name: ["0"] for name in layout.names}))
+    return set() if layout is None else {name_of(name) for name in layout.names}
 
 
-def _canonical(columns: Mapping[str, list[str]]) -> dict[str, Sequence[str]]:
+def name_of(name: str) -> str:
+    """What `EXAMPLE` and surveys call a column, "t_s" for any time; the name itself of any other."""
+    base, _ = split_unit(name)
+    is_time = base in TIME_NAMES or bool(unit_in(base))
+    return name if name in CLOCKS or name in _ALIASES else _KNOWN.get(base, "t_s" if is_time else name)
+
+
+def _canonical(table: DelimitedTable) -> dict[str, NDArray[Any]]:
     """Columns by the names of `EXAMPLE` and of surveys, in metres, degrees and seconds; others as they are."""
-    found: dict[str, Sequence[str]] = {}
-    for name, values in columns.items():
-        base, unit = split_unit(name)
-        own = name if name in CLOCKS or name in _ALIASES else _KNOWN.get(base, "")
-        scale = _METRES.get(unit, 1.0) if own in FRAMES[0] else 1.0
-        if own and own not in found:
-            found[own] = values if scale == 1.0 else [repr(_number(value) * scale) for value in values]
-        elif not own and (base in TIME_NAMES or unit_in(base)) and not found.keys() & CLOCKS.keys():
-            clock, times = _clock(values, unit_of("time_unit", unit) or unit_of("time_unit", unit_in(base)))
+    found: dict[str, NDArray[Any]] = {}
+    for name, values in table.columns.items():
+        own, scale = name_of(name), _METRES.get(split_unit(name)[1], 1.0)
+        if own in found or (own == "t_s" and found.keys() & CLOCKS.keys()):
+            found[name] = values
+        elif own == "t_s" and name != own:
+            clock, times = _clock(table, name)
             found[clock] = times
         else:
-            found[name] = values
-    if found.keys() >= set(FRAMES[0]) and not found.keys() & set(FRAMES[1]) and _are_degrees(found, columns):
+            found[own] = values if scale == 1.0 or own not in FRAMES[0] else table.numbers(name) * scale
+    if found.keys() >= set(FRAMES[0]) and not found.keys() & set(FRAMES[1]) and _are_degrees(table, found):
         found["lat_deg"], found["lon_deg"] = found.pop("x_m"), found.pop("y_m")
-    if found.keys() >= set(FRAMES[1]) and max(map(abs, map(_number, found["lat_deg"]))) > 90.0:
-        found["x_m"], found["y_m"] = found.pop("lon_deg"), found.pop("lat_deg")  # as UJIIndoorLoc has them
+    if found.keys() >= set(FRAMES[1]) and len(table):
+        lat_deg = dataclasses.replace(table, columns=found).numbers("lat_deg")
+        if np.nanmax(np.abs(lat_deg), initial=0.0) > 90.0:
+            found["x_m"], found["y_m"] = found.pop("lon_deg"), found.pop("lat_deg")  # as UJIIndoorLoc has them
     return found
 
 
-def _are_degrees(found: Mapping[str, Sequence[str]], columns: Mapping[str, object]) -> bool:
+def _are_degrees(table: DelimitedTable, found: Mapping[str, NDArray[Any]]) -> bool:
     """Whether columns called X and Y, as the Anyplace Logger has them, are latitude and longitude."""
-    if "x_m" in columns or not all(name.strip().lstrip("# ") in ("X", "Y", "x", "y") for name in _named_xy(columns)):
+    named = [name for name in table.columns if name_of(name) in FRAMES[0]]
+    if SENDER not in found or not all(name.strip().lstrip("# ") in ("X", "Y", "x", "y") for name in named):
         return False
-    xy = np.array([[_number(value) for value in found[name]] for name in FRAMES[0]])
-    return SENDER in found and bool((np.abs(xy).min(axis=1) > 1.0).all() and (np.ptp(xy, axis=1) < _MAX_DEGREES).all())
+    xy = dataclasses.replace(table, columns=found).table(FRAMES[0])
+    return bool((np.abs(xy).min(axis=0) > 1.0).all() and (np.ptp(xy, axis=0) < _MAX_DEGREES).all())
 
 
-def _named_xy(columns: Mapping[str, object]) -> list[str]:
-    return [name for name in columns if _KNOWN.get(split_unit(name)[0]) in FRAMES[0]]
-
-
-def _clock(values: Sequence[str], unit: str) -> tuple[str, Sequence[str]]:
+def _clock(table: DelimitedTable, name: str) -> tuple[str, FloatArray]:
     """Column of `CLOCKS` and its values, of times in a unit, of dates, or of numbers whose unit their steps say."""
-    times = np.array([_number(value) for value in values])
-    if np.isnan(times).all() and len(times):
-        table = DelimitedTable(Path("time"), {"time": np.array(values, dtype=object)}, 1, Counter(), Counter())
-        try:
-            t_s, first_s = clock_of(table, "time", "datetime")
-        except RecordingError:
-            return "t_s", values
-        return ("unix_s" if unix_s(first_s) is not None else "t_s"), [repr(first_s + t) for t in t_s.tolist()]
+    base, unit = split_unit(name)
+    stated = unit_of("time_unit", unit) or unit_of("time_unit", unit_in(base))
+    try:
+        times = table.numbers(name)
+    except RecordingError:
+        t_s, first_s = clock_of(table, name, "datetime")
+        return ("unix_s" if unix_s(first_s) is not None else "t_s"), first_s + t_s
     first, steps = (float(np.nanmin(times)) if len(times) else 0.0), np.diff(np.sort(times))
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     likely = [one for one, s in SECONDS_IN.items() if unix_s(first * s) is not None]
     likely += [one for one, s in SECONDS_IN.items() if _STEPS_S[0] <= usual * s <= _STEPS_S[1]]
-    scale = SECONDS_IN[unit or next(iter(likely), "s")]
-    clock = "unix_s" if unix_s(first * scale) is not None else "t_s"
-    return clock, values if scale == 1.0 else [repr(time * scale) for time in times.tolist()]
-
-
-def _number(text: str) -> float:
-    """NaN where it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+    scale = SECONDS_IN[stated or next(iter(likely), "s")]
+    return ("unix_s" if unix_s(first * scale) is not None else "t_s"), times * scale

@@ -16,8 +16,18 @@ from pdrbench.io.geo import GeoFrame
 from pdrbench.io.text import from_utf16
 from pdrbench.radio.surveys import survey_of_readings
 from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench_formats.recordings.delimited import DelimitedTable
 from pdrbench_formats.recordings.opaque import opaque_id
-from pdrbench_formats.taskfile.places import CLOCKS, FRAMES, SENDER, STRENGTH, PlaceTable, read_table, table_names
+from pdrbench_formats.taskfile.places import (
+    CLOCKS,
+    SENDER,
+    STRENGTH,
+    finite,
+    has_places,
+    places_in,
+    read_table,
+    table_names,
+)
 
 SURVEY_EXAMPLE: Final = f"x_m,y_m,level,{SENDER},{STRENGTH}"
 MIN_DBM: Final = -127.0  # of the sensor `wifi`
@@ -114,8 +124,9 @@ def is_survey_table(path: Path) -> bool:
     with path.open("rb") as file:
         content = from_utf16(file.read(MAX_HEADER_BYTES))
     names = table_names(content)
-    has_places = any(set(pair) <= names for pair in FRAMES)
-    return bool(names & {SENDER, STRENGTH}) or (has_places and (not names & set(CLOCKS) or bool(_senders(names))))
+    return bool(names & {SENDER, STRENGTH}) or (
+        has_places(names) and (not names & set(CLOCKS) or bool(_senders(names)))
+    )
 
 
 def _senders(names: Iterable[str]) -> list[str]:
@@ -124,28 +135,16 @@ def _senders(names: Iterable[str]) -> list[str]:
     return found if len(found) >= _MIN_SENDERS else []
 
 
-def _by_reading(table: PlaceTable) -> PlaceTable:
+def _by_reading(table: DelimitedTable) -> DelimitedTable:
     """A table with a row for each scan as one with a row for each reading; any other as it is."""
     senders = _senders(table.columns)
     if not senders or SENDER in table.columns:
         return table
-    rssi_dbm = np.array([[_strength(text) for text in table.columns[name]] for name in senders]).T
+    rssi_dbm = table.table(senders)
     scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, _NOT_RECEIVED))
-    columns = {
-        name: [values[row] for row in scan.tolist()] for name, values in table.columns.items() if name not in senders
-    }
-    columns[SENDER] = [senders[k] for k in of.tolist()]
-    columns[STRENGTH] = [repr(value) for value in rssi_dbm[scan, of].tolist()]
-    columns["scan"] = [str(row) for row in scan.tolist()]
-    return PlaceTable(table.path, columns, [table.lines[row] for row in scan.tolist()])
-
-
-def _strength(text: str) -> float:
-    """A field of a table by scans; NaN where it is empty or no number."""
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
+    columns = {name: values[scan] for name, values in table.columns.items() if name not in senders}
+    readings = {SENDER: np.array(senders, dtype=object)[of], STRENGTH: rssi_dbm[scan, of], "scan": scan}
+    return dataclasses.replace(table, columns={**columns, **readings})
 
 
 def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
@@ -166,13 +165,13 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
         RecordingError: Names file, line and remedy.
     """
     table = _by_reading(read_table(path, SURVEY_EXAMPLE))
-    if not table.has_places or not {SENDER, STRENGTH} <= set(table.columns):
+    if not has_places(table.columns) or not {SENDER, STRENGTH} <= set(table.columns):
         raise RecordingError(
             f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of a survey has {SURVEY_EXAMPLE}, "
             f"with lat_deg,lon_deg for degrees"
         )
-    xy_m, level, geo = table.places()
-    rssi_dbm, age_s, scan = table.numbers(STRENGTH), table.numbers("age_s", 0.0), table.numbers("scan", 0.0)
+    xy_m, level, geo = places_in(table)
+    rssi_dbm, age_s, scan = finite(table, STRENGTH), finite(table, "age_s", 0.0), finite(table, "scan", 0.0)
     wrong = np.flatnonzero(~((rssi_dbm >= MIN_DBM) & (rssi_dbm <= 0.0) & (age_s >= 0.0)))
     if len(wrong):
         row = int(wrong[0])
@@ -181,7 +180,7 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
             f"{STRENGTH} {rssi_dbm[row]:g} and age_s {age_s[row]:g}; {MIN_DBM:g} to 0 dBm and 0 s or more are "
             f"expected: leave out what was not received",
         )
-    sender = np.array([_sender(text.strip()) for text in table.columns[SENDER]], dtype=np.int64)
+    sender = np.array([_sender(text) for text in table.texts(SENDER)], dtype=np.int64)
     place = np.column_stack([xy_m, level])
     begins = np.append(True, (place[1:] != place[:-1]).any(axis=1) | (scan[1:] != scan[:-1]))
     received: set[int] = set()
