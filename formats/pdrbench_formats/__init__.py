@@ -34,8 +34,6 @@ READERS: Final = {
     "phyphox": "pdrbench_formats.recordings.phyphox:READER",
     **{name: f"pdrbench_formats.recordings.apps:{name}" for name in _APPS},
     "xsens": "pdrbench_formats.recordings.xsens:READER",
-    "oxiod": "pdrbench_formats.recordings.oxiod:READER",
-    "euroc": "pdrbench_formats.recordings.euroc:READER",
     "ros": "pdrbench_formats.recordings.ros:READER",
     "ronin": "pdrbench_formats.recordings.ronin:READER",
     "geojson_plan": "pdrbench_formats.maps.geojson_plan:READER",  # before csv: features on lines are no table

@@ -51,7 +51,7 @@ def test_a_new_app_is_a_file(phone_walk: Rows, tmp_path: Path, is_split: bool) -
 
 
 def test_every_file_is_found_and_right() -> None:
-    assert set(app_names()) == {"androsensor", "ridi", "sensorlog", "xio"} <= READERS.keys()
+    assert set(app_names()) == {"androsensor", "euroc", "oxiod", "ridi", "sensorlog", "xio"} <= READERS.keys()
     assert reader_of(FOLDER / "xio.toml").summary.startswith("x-IMU3")
 
 

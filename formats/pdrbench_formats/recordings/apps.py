@@ -2,9 +2,12 @@
 
 A file `recordings/APP.toml` says how its tables are recognised and which column is which sensor. It is found because it
 lies there; `apps.APP` is its reader. `header` lists parts of the header line in small letters, all of which must stand
-in it; a bar parts alternatives. In `[columns]`, whose other keys are those of a `ColumnMap`, `{}` stands for the axes
-x, y, z (w, x, y, z of an attitude), `*` for any end, a minus turns a column round, and `a + b` are vectors to be added,
-as gravity and the acceleration without it. Of a list, the first counts whose columns are there and hold more than 0.
+in it; a bar parts alternatives. A table without a header is known by the number of its `fields` and the name of its
+file. In `[columns]`, whose other keys are those of a `ColumnMap`, `{}` stands for the axes x, y, z (w, x, y, z of an
+attitude), `8:10` for columns without names, `*` for any text, a minus turns a column round, and `a + b` are vectors to
+be added, as gravity and the acceleration without it. Of a list, the first counts whose columns are there and hold more
+than 0. A time without a unit has that in which its rows come at the rate of a sensor. `[truth]` names the files with
+places that lie beside the table, the best first, and their columns.
 """
 
 from __future__ import annotations
@@ -12,7 +15,8 @@ from __future__ import annotations
 import functools
 import itertools
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -20,20 +24,48 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import PdrbenchError, RecordingError
-from pdrbench.io.container import open_container
+from pdrbench.geometry import FloatArray
+from pdrbench.io.compressed import plain_name
+from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.recordings.assemble import Tally
-from pdrbench_formats.recordings.columnmap import ColumnMap, read_column_map, read_mapped
+from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.assemble import Tally, places
+from pdrbench_formats.recordings.columnguess import time_unit_of
+from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped, times_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 
 FOLDER: Final = Path(__file__).parent
 _AXES: Final = {"accel": "xyz", "gyro": "xyz", "mag": "xyz", "rotation": "wxyz", "place": "xy"}
+_TRUTH_AXES: Final = "xyz"
 _HEADER_LINES: Final = 4  # `sep=;` and comments may stand above the header
 _HEADER_BYTES: Final = 4096
-_DEPTH: Final = 2  # folders above a table in an archive
+_DEPTH: Final = 3  # folders above a table in an archive
+
+_NUMBERS: Final = re.compile(r"(\d+):(\d+)")
+_DECIMAL: Final = re.compile(r"\s*[+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?\s*")
+_MAX_APART_S: Final = 1.0  # of a reference from the recording that it belongs to
 
 Names = str | list[str]
+
+
+class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[truth]`: where the reference of a recording lies.
+
+    Attributes:
+        files: Names with `*`, the best first; where the name of the recording has a `*`, both stand for the same.
+        time, time_unit: Column of the time, by its name or number.
+        place: Columns x, y and z in metres.
+        by_row: Whether rows belong to those of the recording one by one, where there are as many.
+        header_line: 0 where there is none.
+    """
+
+    files: list[str]
+    time: str
+    place: str
+    time_unit: str = ""
+    by_row: bool = False
+    header_line: int | None = None
 
 
 class App(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -44,16 +76,20 @@ class App(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         app: Versions and systems.
         header: Parts of the header line in small letters; `a|b` for one of two.
         columns: As in a `ColumnMap`, with patterns and alternatives; see above.
-        files: Ends of the names of its tables in a folder or archive, in small letters.
+        files: Ends of the names of its tables in a folder or archive, in small letters, with `*`; of two the first.
+        fields: Numbers in a row of a table without a header.
+        truth: Where its reference lies.
         traps: What surprises a user.
         fallback: As in `Reader`.
     """
 
     title: str
     app: str
-    header: list[str]
     columns: dict[str, Any]
+    header: list[str] = []
     files: list[str] = []
+    fields: int = 0
+    truth: Truth | None = None
     traps: str = ""
     fallback: bool = False
 
@@ -65,11 +101,13 @@ class App(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if key.endswith("_unit")
         ]
         sensors = [name for name in (*_AXES, "baro") if name in self.columns]
+        named = f", in a folder `{'` or `'.join(self.files)}`" if self.files else ""
+        beside = f"; `{'`, `'.join(self.truth.files)}` beside it as the reference" if self.truth else ""
         facts = {
             "App": f"{self.app}.",
-            "Files": f"one table; in a folder or archive {' or '.join(self.files)}." if self.files else "one table.",
+            "Files": f"one table{named}{beside}.",
             "Sensors": ", ".join(sensors).replace("place", "places as the reference") + ".",
-            "Clock": f"`{_listed(self.columns['time'])[0].rstrip('*')}`.",
+            "Clock": f"`{_listed(self.columns['time'])[0].strip('*')}`.",
             "Units": f"{', '.join(units)}; others in those of pdrbench.",
         }
         return facts | ({"Traps": f"{self.traps}."} if self.traps else {})
@@ -122,7 +160,7 @@ def _read(app: App, path: Path | str, *, strict: bool = True) -> Log:
     """
     path, tally = Path(path), Tally()
     container = open_container(path)
-    names = [container.names()[0]] if container.is_file else [n for end in app.files for n in container.names(end)]
+    names = container.names() if container.is_file else _named_so(container.sizes, app.files)
     if len(names) != 1:
         raise RecordingError(
             f"{path}: {len(names)} files named {' or '.join(app.files)} ({', '.join(names[:3])}); "
@@ -133,7 +171,49 @@ def _read(app: App, path: Path | str, *, strict: bool = True) -> Log:
             tally.skipped[PurePosixPath(name).stem] += 1
     layout = {key: app.columns[key] for key in ("separator", "decimal", "header_line") if key in app.columns}
     table = read_delimited(container.read(names[0]), container.label(names[0]), **layout)
-    return read_mapped(path, table, _column_map(app, table), tally=tally, strict=strict)
+    columns = _column_map(app, table)
+    reference = None
+    if app.truth is not None:
+        t_s, first_s = times_of(table, columns)
+        reference = _truth(app, app.truth, container, names[0], (t_s, first_s), tally)
+    return read_mapped(path, table, columns, tally=tally, strict=strict, reference=reference)
+
+
+def _named_so(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
+    """Names that end as the first pattern does that any of them ends as."""
+    listed = list(names)
+    found = ([name for name in listed if fnmatch(f"/{name.lower()}", f"*/{end}")] for end in patterns)
+    return next(filter(None, found), [])
+
+
+def _truth(
+    app: App, truth: Truth, container: Container, name: str, clock_s: tuple[FloatArray, float], tally: Tally
+) -> Trajectory | None:
+    """The reference that lies beside a table, on its clock; None, with a note, where there is none."""
+    if container.is_file:
+        container = open_container(container.path.absolute().parent)
+        name = plain_name(container.path.joinpath(name).name)
+    matches = (_filled(end).fullmatch(PurePosixPath(name).name) for end in app.files if "*" in end)
+    same = next((match[1] for match in matches if match), "")
+    own = _named_so(container.sizes, [end.replace("*", same) for end in truth.files])
+    if not own:
+        tally.note("note", "reference", truth.files[0], "not beside the table", "copy it there to have a reference")
+        return None
+    table = read_delimited(container.read(own[0]), container.label(own[0]), header_line=truth.header_line)
+    columns = {name.lower(): name for name in table.columns}
+    time, names = _named(columns, truth.time), _vector(columns, truth.place, _TRUTH_AXES)
+    if time is None or None in names:
+        raise RecordingError(f"{table.path}: line 1: no columns {truth.time} and {truth.place}; copy the file again")
+    xyz = table.table([str(name) for name in names])
+    t_s, first_s = clock(table, time, truth.time_unit or time_unit_of(table, time))
+    if truth.by_row and len(xyz) == len(clock_s[0]):
+        t_s = clock_s[0]
+    else:
+        t_s = t_s + (first_s - clock_s[1])
+        if not ((t_s > -_MAX_APART_S) & (t_s < np.nanmax(clock_s[0]) + _MAX_APART_S)).any():
+            tally.note("warning", "reference", own[0], "is on another clock", "copy the file that belongs to the table")
+            return None
+    return places(t_s, xyz[:, :2], z_m=xyz[:, 2], tally=tally)
 
 
 def _column_map(app: App, table: DelimitedTable) -> ColumnMap:
@@ -153,11 +233,11 @@ def _column_map(app: App, table: DelimitedTable) -> ColumnMap:
                 found |= {"gravity": added[0]} if added else {}
         elif key not in ("time", "time_unit"):
             found[key] = value
-    times, units = _listed(app.columns["time"]), _listed(app.columns.get("time_unit", "s"))
+    times, units = _listed(app.columns["time"]), _listed(app.columns.get("time_unit", ""))
     for pattern, unit in zip(times, itertools.cycle(units)):  # one unit may stand for all
         name = _named(lower, pattern)
         if name is not None and "time" not in found and (unit == "datetime" or _is_on(table, name)):
-            found |= {"time": name, "time_unit": unit}
+            found |= {"time": name, "time_unit": unit or time_unit_of(table, name)}
     if "time" not in found:
         raise RecordingError(f"{table.path}: line 1: no column {times[0].rstrip('*')!r}; export with it")
     if not found.keys() & {"accel", "gyro", "baro"}:
@@ -172,17 +252,28 @@ def _terms(table: DelimitedTable, lower: dict[str, str], key: str, option: str) 
     terms = []
     for term in option.split(" + "):
         sign, pattern = ("-", term[1:]) if term.startswith("-") else ("", term)
-        names = [_named(lower, pattern.format(axis)) for axis in _AXES.get(key, "x")]
+        names = _vector(lower, pattern, _AXES.get(key, "x"))
         if any(name is None or (key != "place" and key != "rotation" and not _is_on(table, name)) for name in names):
             return []
         terms.append(tuple(f"{sign}{name}" for name in names))
     return terms
 
 
+def _vector(lower: dict[str, str], pattern: str, axes: str) -> list[str | None]:
+    """The columns that a pattern names, one for each axis: `a_{}`, or `8:10` of a table without a header."""
+    if numbers := _NUMBERS.fullmatch(pattern):
+        return [_named(lower, str(number)) for number in range(int(numbers[1]), int(numbers[2]) + 1)]
+    return [_named(lower, pattern.format(axis)) for axis in axes]
+
+
+def _filled(pattern: str) -> re.Pattern[str]:
+    """What a name with `*` stands for, in a group."""
+    return re.compile(re.escape(pattern).replace(r"\*", "(.*)"), re.I)
+
+
 def _named(lower: dict[str, str], pattern: str) -> str | None:
     """The column that a pattern names, capitals or not."""
-    expression = re.compile(re.escape(pattern.lower()).replace(r"\*", ".*"))
-    return next((name for text, name in lower.items() if expression.fullmatch(text)), None)
+    return next((name for text, name in lower.items() if _filled(pattern).fullmatch(text)), None)
 
 
 def _is_on(table: DelimitedTable, name: str) -> bool:
@@ -197,19 +288,24 @@ def _listed(value: Names) -> list[str]:
 def _combinations(columns: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Maps with made-up names, for the checks of `ColumnMap`: one for each unit of the time."""
     made_up: dict[str, Any] = {key: ["a"] * len(axes) for key, axes in _AXES.items() if key in columns}
-    for unit in _listed(columns.get("time_unit", "s")):
+    for unit in _listed(columns.get("time_unit", "s")) or ["s"]:
         yield {**columns, **made_up, "time": "t", "time_unit": unit} | ({"baro": "p"} if "baro" in columns else {})
 
 
 def _sniff(app: App, head: Head) -> bool:
     """True for a table whose header has what the app's have."""
     if head.container is not None:
-        members: Iterable[str] = (name for end in app.files for name in head.members(end, depth=_DEPTH))
-        return any(_has_header(app, head.peek(name)) for name in itertools.islice(members, 3))
-    return _has_header(app, head.content[:_HEADER_BYTES])
+        members = _named_so((name for name in head.members(depth=_DEPTH)), app.files)
+        return any(_is_table(app, head.peek(name)) for name in members[:3])
+    is_named = bool(_named_so([plain_name(head.path.name)], app.files))
+    return (is_named or not app.fields) and _is_table(app, head.content[:_HEADER_BYTES])
 
 
-def _has_header(app: App, content: bytes) -> bool:
+def _is_table(app: App, content: bytes) -> bool:
+    """Whether the first lines are a header as the app's, or numbers as many as its rows have."""
     lines = content.decode("utf-8", "replace").lower().split("\n", _HEADER_LINES)[:_HEADER_LINES]
+    if app.fields:
+        fields = lines[0].split(",")
+        return len(fields) == app.fields and all(map(_DECIMAL.fullmatch, fields))
     wanted = [part.split("|") for part in app.header]
     return any(all(any(text in line for text in texts) for texts in wanted) for line in lines)

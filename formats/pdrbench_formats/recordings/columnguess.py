@@ -181,7 +181,8 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     if time is not None:
         found["time"] = time
         stated = unit_of("time_unit", named[time][1]) or unit_of("time_unit", unit_in(named[time][0]))
-        found["time_unit"] = stated or _time_unit(table, time, assumed)
+        found["time_unit"] = stated or time_unit_of(table, time)
+        assumed += [] if stated else ["time_unit"]
     for kind in ("accel", "gyro", "mag", "baro"):
         if kind in found:
             name = found[kind] if kind == "baro" else found[kind][0]
@@ -281,7 +282,7 @@ def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
         return None
     found: dict[str, Any] = {"time": names[times[0]], "accel": force, "header_line": 0}
     assumed: list[str] = []
-    found["time_unit"] = _time_unit(table, found["time"], assumed)
+    found["time_unit"] = time_unit_of(table, found["time"])
     found["accel_unit"] = _unit_by_size(table, "accel", found, assumed)
     if others := [vector for vector in vectors if vector != force]:
         found["gyro"] = others[0]
@@ -421,14 +422,13 @@ def _is_epoch(table: DelimitedTable, name: str) -> bool:
     return bool(len(first)) and any(6e8 < first[0] * s < 6e9 for s in SECONDS_IN.values())
 
 
-def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:
+def time_unit_of(table: DelimitedTable, name: str) -> str:
+    """The unit of a time in which its rows come at the rate of a sensor, or it counts from 1970; or "datetime"."""
     if table.columns[name].dtype.kind not in "iuf":
         try:
             table.numbers(name)
         except RecordingError:
-            assumed.append("time_unit")
             return "datetime"
-    assumed.append("time_unit")
     step, t = _usual_step(table, name), table.numbers(name)
     fitting = [unit for unit, s in SECONDS_IN.items() if _STEPS_S[0] <= step * s <= _STEPS_S[1]]
     if step == 1.0 and not (np.diff(t) != 1.0).any():

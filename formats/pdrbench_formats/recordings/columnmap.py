@@ -148,21 +148,27 @@ def read_column_map(source: Path | str | Mapping[str, Any] | ColumnMap) -> Colum
 
 
 def read_mapped(
-    path: Path, table: DelimitedTable, columns: ColumnMap, *, tally: Tally | None = None, strict: bool = True
+    path: Path,
+    table: DelimitedTable,
+    columns: ColumnMap,
+    *,
+    tally: Tally | None = None,
+    strict: bool = True,
+    reference: Trajectory | None = None,
 ) -> Log:
-    """A log from a table whose columns are known.
+    """A log from a table whose columns are known; `reference` is on its clock, where the table holds no places.
 
     Raises:
         RecordingError: A column is missing or holds no numbers; or as `assemble` says.
     """
     tally = tally or Tally()
     t_s, first_s = times_of(table, columns)
-    reference, geo = _reference(table, columns, t_s, tally)
+    own, geo = _reference(table, columns, t_s, tally)
     streams = streams_of(table, columns, t_s, tally)
     return assemble(
         path,
         streams,
-        reference=reference,
+        reference=reference if own is None else own,
         origin=Origin(device=columns.device, start_unix_s=unix_s(first_s), geo=geo, mounting=columns.mounting),
         tally=tally,
         strict=strict,

@@ -31,7 +31,7 @@ from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.learned.signals import RATE_HZ, grid_signals
 from pdrbench_baselines.learned.yaw_stabiliser import stabilised
 from pdrbench_formats.derive.attitude import attitude
-from pdrbench_formats.recordings import apps, oxiod, ronin
+from pdrbench_formats.recordings import apps, ronin
 
 TRAIN: Final = "train"
 TEST: Final = "test"
@@ -93,7 +93,7 @@ def load(walk: PublicWalk) -> Recording:
         RecordingError: The file is damaged.
         DatasetError: It lacks a sensor, or has no places.
     """
-    log: Log = {"ronin": ronin.read, "ridi": apps.ridi.read, "oxiod": oxiod.read}[walk.form](walk.path)
+    log: Log = {"ronin": ronin.read, "ridi": apps.ridi.read, "oxiod": apps.oxiod.read}[walk.form](walk.path)
     rows = dict(log.rows)
     missing = [name for name in ("accel", "gyro") if name not in rows]
     if missing or log.reference is None or len(log.reference) < 2:
