@@ -1,26 +1,16 @@
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from pdrbench.errors import PdrbenchError, UnknownNameError
+from pdrbench.errors import UnknownNameError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial import phone_heading_rad, to_world
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 from pdrbench.recording import SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_formats.derive import (
-    AttitudeParams,
-    add_gravity,
-    attitude,
-    derivable,
-    derive,
-    missing_reason,
-    split_gravity,
-)
+from pdrbench_formats.derive import attitude, derive, missing_reason
 from pdrbench_formats.taskfile.mounting import moves_as_shoe
 from pdrbench_sim.foot.known_walk import walk as foot_walk
 
@@ -114,7 +104,6 @@ def test_what_is_recorded_stays_and_what_is_not_wanted_is_not_added() -> None:
     assert list(derived) == ["accel", "gyro", "baro", "position"]
     assert derived["accel"] is streams["accel"]
     assert not derived["accel"].spec.derived
-    assert derivable(streams, "hand", start=START) == ("rotation", "position", "level_change")
     with pytest.raises(UnknownNameError, match="did you mean 'rotation'"):
         derive(streams, "hand", ["rotations"])
 
@@ -145,15 +134,6 @@ def test_strides_of_a_shoe_are_as_long_as_they_were() -> None:
     assert strides.sum() == pytest.approx(float(np.hypot(*motion.position_m[-1, :2])), rel=0.05)
 
 
-def test_gravity_is_split_and_added_again() -> None:
-    walker = Walker(5.0)
-    rotation = np.column_stack([walker.t_s, walker.quaternion])
-    linear, gravity = split_gravity(walker.accel, rotation)
-    assert np.linalg.norm(gravity[:, 1:], axis=1) == pytest.approx(9.80665)
-    assert np.abs(to_world(walker.quaternion, linear[:, 1:])[:, :2]).max() < 1e-6
-    assert add_gravity(linear, rotation) == pytest.approx(walker.accel)
-
-
 @pytest.mark.parametrize(
     ("mounting", "name", "reason"),
     [
@@ -182,8 +162,3 @@ def test_little_is_no_error(rows: int) -> None:
         assert {name for name in wanted if missing_reason(given, "hand", name, start=START)} == {
             name for name in wanted if name not in derived
         }
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(PdrbenchError, match="compass_s must be positive"):
-        dataclasses.replace(AttitudeParams(), compass_s=0.0)

@@ -6,19 +6,13 @@ any other. Their specs have `derived=True`, which a briefing passes on.
 
 from __future__ import annotations
 
-from pdrbench_formats.derive.attitude import AttitudeParams, attitude, turned_to_heading
-from pdrbench_formats.derive.gravity import add_gravity, split_gravity
-from pdrbench_formats.derive.streams import DERIVED, derivable, derive, derived_streams, missing_reason
+from pdrbench_formats.derive.attitude import attitude
+from pdrbench_formats.derive.streams import DERIVED, derive, derived_streams, missing_reason
 
 __all__ = [
     "DERIVED",
-    "AttitudeParams",
-    "add_gravity",
     "attitude",
-    "derivable",
     "derive",
     "derived_streams",
     "missing_reason",
-    "split_gravity",
-    "turned_to_heading",
 ]

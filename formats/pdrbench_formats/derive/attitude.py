@@ -8,12 +8,11 @@ while the pedestrian walks through it and its strength and dip stay as they are,
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.inertial import PhoneAttitude, multiply, phone_heading_rad, to_world
 from pdrbench.inertial.quaternions import about_vertical
@@ -50,10 +49,8 @@ class AttitudeParams:
     still_mps2: float = 0.2
     bias_radps: float = 0.05
 
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if not np.min(value) > 0:
-                raise PdrbenchError(f"attitude: {name} must be positive; got {value!r}")
+
+PARAMS: Final = AttitudeParams()
 
 
 def attitude(
@@ -61,7 +58,7 @@ def attitude(
     gyro: FloatArray,
     mag: FloatArray | None = None,
     heading_rad: float | None = None,
-    params: AttitudeParams | None = None,
+    p: AttitudeParams = PARAMS,
 ) -> FloatArray:
     """Attitudes at the samples of the gyroscope, each from samples that are not later.
 
@@ -73,12 +70,11 @@ def attitude(
         gyro: (m, 4) t_s, rates in rad/s.
         mag: (k, 4) t_s, field in microtesla; None where there is none.
         heading_rad: Of the walker at the start, counter-clockwise from +x.
-        params: None for the defaults.
+        p: Settings.
 
     Returns:
         (j, 5) t_s and unit Hamilton wxyz, device to building, as the sensor `rotation` has them.
     """
-    p = params or AttitudeParams()
     rotation = PhoneAttitude().update(accel, _without_bias(accel, gyro, p))
     rotation = turned_to_heading(rotation, 0.0 if heading_rad is None else heading_rad)
     if mag is None or not len(mag) or not len(rotation):

@@ -131,13 +131,6 @@ def derived_streams(recording: Recording, start: Start | None) -> dict[str, Sens
     return derive(recording.streams, recording.mounting, tuple(DERIVED), start=start, building=recording.building)
 
 
-def derivable(streams: Mapping[str, SensorStream], mounting: str, *, start: Start | None = None) -> tuple[str, ...]:
-    """Names of the streams that a recording lacks and that `derive` can add."""
-    return tuple(
-        name for name in DERIVED if name not in streams and not missing_reason(streams, mounting, name, start=start)
-    )
-
-
 def missing_reason(streams: Mapping[str, SensorStream], mounting: str, name: str, *, start: Start | None = None) -> str:
     """Why a stream is not recorded and cannot be computed, in one line; empty where it is or can be.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture.plan import FLOOR_COLOURS, Bounds, draw_level, fill_rings
+from pdrbench.report.pages import render
 from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.openings import is_guessed
 from pdrbench_formats.maps.plan import Plan
@@ -35,19 +35,6 @@ MANY_REPAIRS: Final = 40  # on one level: above it their numbers would hide the 
 SMALL: Final = 0.5  # of the building: a level that is smaller than this both ways is drawn larger than the others
 WALK_MARGIN_M: Final = 5.0  # shown about a walk
 NUMBER_COLOUR: Final = "#7a2e00"  # of parts that no way leads to
-_STYLE: Final = """
-:root{color-scheme:light}
-body{font:15px/1.45 system-ui,sans-serif;margin:1.5rem auto;max-width:1400px;padding:0 1rem;color:#222;background:#fff}
-h1{font-size:1.5rem;margin:0 0 .2rem}h2{font-size:1.1rem;margin:1.6rem 0 .4rem}
-.levels{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,340px),1fr));gap:1rem}
-figure{margin:0}figcaption{font-weight:600}svg{width:100%;height:auto;display:block}
-.legend{display:flex;flex-wrap:wrap;gap:.2rem 1rem;margin:.8rem 0;padding:0;list-style:none}
-.legend i{display:inline-block;width:.9em;height:.9em;margin-right:.35em;vertical-align:-.1em}
-.rows{overflow-x:auto}table{border-collapse:collapse}
-th,td{padding:.15rem .7rem .15rem 0;text-align:left;vertical-align:top;white-space:nowrap}
-th{border-bottom:1px solid #999}td.text{white-space:normal;min-width:14rem}
-.warning{background:#fff3cd;padding:.4rem .7rem;margin:.4rem 0}
-"""
 
 
 def write_picture(plan: Plan, walk: WalkCheck | None, out: Path) -> None:
@@ -190,54 +177,46 @@ def _draw_walk(axes: Any, walk: WalkCheck, level: int) -> None:
 def _page(plan: Plan, walk: WalkCheck | None) -> str:
     drawing = _Drawing(plan, walk)
     facts, building = drawing.facts, plan.building
-    name = html.escape(building.name or "Plan")
-    lost_m2 = sum(row["area_m2"] for row in facts["unreachable"])
     summary = [
-        f"format {html.escape(plan.source)}",
+        f"format {plan.source}",
         f"{len(building.levels)} levels",
         f"{building.area_m2:.0f} m² of floor",
-        f"no way leads to {lost_m2:.0f} m²",
+        f"no way leads to {sum(row['area_m2'] for row in facts['unreachable']):.0f} m²",
         f"{len(plan.repairs)} repairs and assumptions",
     ]
+    warnings = [*plan.warnings, *(walk.warnings if walk is not None else ())]
+    if facts["unconnected_levels"]:
+        levels = ", ".join(map(str, facts["unconnected_levels"]))
+        warnings.append(f"neither stairs nor lift lead from level {levels} to another")
+    figures = []
+    for level in building.levels:
+        larger = "" if drawing.bounds_of(level) == drawing.bounds_m else ", drawn larger than the others"
+        figures.append((f"level {level}{larger}", _level_svg(drawing, level, drawing.bounds_of(level))))
+    tables = {title: facts[title] for title in ("levels", "stairs", "lifts")}
+    tables["no way leads here"] = _numbered(facts["unreachable"])
     if walk is not None:
         told = walk.facts()
         summary.append(
             f"walk of {told['places']} places, outside the floor: {told['outside']}, "
             f"walls crossed: {told['walls_crossed']}"
         )
-    legend = "".join(
-        f"<li><i style='background:{colour}'></i>{name}</li>" for name, colour in drawing.colours().items()
-    )
-    parts = [f"<h1>{name}</h1>", f"<p>{' · '.join(summary)}</p>"]
-    unconnected = facts["unconnected_levels"]
-    warnings = [*plan.warnings, *(walk.warnings if walk is not None else ())]
-    if unconnected:
-        warnings.append(f"neither stairs nor lift lead from level {', '.join(map(str, unconnected))} to another")
-    parts += [f"<p class='warning'>{html.escape(text)}</p>" for text in warnings]
-    parts.append(f"<ul class='legend'>{legend}</ul><div class='levels'>")
-    for level in building.levels:
-        larger = "" if drawing.bounds_of(level) == drawing.bounds_m else ", drawn larger than the others"
-        caption = f"<figcaption>level {level}{larger}</figcaption>"
-        parts.append(f"<figure>{caption}{_level_svg(drawing, level, drawing.bounds_of(level))}</figure>")
-    if walk is not None:
         for level in np.unique(walk.level).tolist():
             drawn = _level_svg(drawing, level, _around(walk.xy_m[walk.level == level]))
-            parts.append(f"<figure><figcaption>the walk on level {level}</figcaption>{drawn}</figure>")
-    parts.append("</div>")
-    tables = {title: facts[title] for title in ("levels", "stairs", "lifts")}
-    tables["no way leads here"] = _numbered(facts["unreachable"])
-    if walk is not None:
-        tables["walls crossed by the walk"] = walk.facts()["crossed_at"]
-    tables["repairs and assumptions"] = _numbered(
-        [{"kind": r.kind, "where": r.where, "what": r.what} for r in plan.repairs]
-    )
+            figures.append((f"the walk on level {level}", drawn))
+        tables["walls crossed by the walk"] = told["crossed_at"]
+    repairs = [{"kind": r.kind, "where": r.where, "what": r.what} for r in plan.repairs]
+    tables["repairs and assumptions"] = _numbered(repairs)
     if plan.skipped:
         tables["features left out"] = [{"kind": kind, "features": count} for kind, count in plan.skipped.items()]
-    parts += [_html_table(title, rows) for title, rows in tables.items()]
-    return (
-        "<!doctype html><html lang='en'><meta charset='utf-8'>"
-        "<meta name='viewport' content='width=device-width,initial-scale=1'>"
-        f"<title>{name}</title><style>{_STYLE}</style>" + "\n".join(parts) + "</html>\n"
+    return render(
+        "map.html",
+        package="pdrbench_formats.pages",
+        name=building.name or "Plan",
+        summary=" · ".join(summary),
+        warnings=warnings,
+        colours=drawing.colours(),
+        figures=figures,
+        tables={title: [{key: shown(v) for key, v in row.items()} for row in rows] for title, rows in tables.items()},
     )
 
 
@@ -265,19 +244,6 @@ def _level_svg(drawing: _Drawing, level: int, bounds_m: Bounds) -> str:
 
 def _numbered(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{"no.": number, **row} for number, row in enumerate(rows, start=1)]
-
-
-def _html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    if not rows:
-        return f"<h2>{title}</h2><p>none</p>"
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in rows[0])
-    lines = "".join("<tr>" + "".join(_cell(value) for value in row.values()) + "</tr>" for row in rows)
-    return f"<h2>{title}</h2><div class='rows'><table><tr>{head}</tr>{lines}</table></div>"
-
-
-def _cell(value: object) -> str:
-    text = html.escape(shown(value))
-    return f"<td class='text'>{text}</td>" if len(text) > 40 else f"<td>{text}</td>"
 
 
 def shown(value: object) -> str:

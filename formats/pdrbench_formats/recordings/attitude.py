@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.quaternions import to_world
 from pdrbench.sensors.checks import MIN_ROWS, Finding, Rows, lengths
 
 _MAX_POSES: Final = 4000
@@ -97,12 +98,4 @@ def _ups(rotation: FloatArray, accel: FloatArray) -> dict[str, FloatArray]:
         "in the order x, y, z, w": q[:, [3, 0, 1, 2]],
         "from building to device in the order x, y, z, w": q[:, [3, 0, 1, 2]] * [1.0, -1.0, -1.0, -1.0],
     }
-    return {way: np.nanmean(_turned(quaternion, up), axis=0) for way, quaternion in ways.items()}
-
-
-def _turned(q: FloatArray, v: FloatArray) -> FloatArray:
-    """(T, 3) vectors (T, 3) turned by quaternions (T, 4), w first: v + 2 w (u x v) + 2 u x (u x v)."""
-    u = q[:, 1:]
-    once = np.cross(u, v)
-    turned: FloatArray = v + 2.0 * (q[:, :1] * once + np.cross(u, once))
-    return turned
+    return {way: np.nanmean(to_world(quaternion, up), axis=0) for way, quaternion in ways.items()}

@@ -240,64 +240,27 @@ def _refuse_second(path: Path, names: list[str]) -> None:
 def _from_json(path: Path, content: bytes, tally: Tally) -> _Export:
     """The JSON export: one list of samples, each with its sensor, all values as text."""
     try:
-        samples = msgspec.json.decode(content, type=list[_Sample])
+        samples = msgspec.json.decode(content, type=list[dict[str, Any]])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RecordingError(f"{path}: not the JSON export of Sensor Logger: {error}; export it again") from error
-    del content
-    by_sensor: dict[str, list[_Sample]] = defaultdict(list)
+    by_sensor: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for sample in samples:
-        by_sensor[sample.sensor].append(sample)
-    del samples
-    metadata = {key: _value(value) for row in by_sensor.pop("Metadata", []) for key, value in _given(row).items()}
-    metadata["device name"] = metadata.get("device_name", "")
+        by_sensor[str(sample.get("sensor"))].append(sample)
+    metadata = {key: str(value) for row in by_sensor.pop("Metadata", []) for key, value in row.items()}
     tables = {}
-    for sensor in list(by_sensor):
-        rows = by_sensor.pop(sensor)
+    for sensor, rows in by_sensor.items():
         if sensor not in _USED:
             tally.skipped[sensor] += len(rows)
             continue
         columns: dict[str, Any] = {}
-        for key in _given(rows[0]):
-            values = [_value(getattr(row, key)) for row in rows]
+        for key in rows[0]:
+            values = ["" if row.get(key) is None else str(row[key]) for row in rows]
             try:
                 columns[key] = np.array([int(value) for value in values])
             except ValueError:
                 columns[key] = np.array(values, dtype=object)
         tables[sensor] = DelimitedTable(path / sensor, columns, 1, tally.mended, tally.dropped)
     return _Export(path, tables, metadata)
-
-
-class _Sample(msgspec.Struct, gc=False, rename={"device_name": "device name"}):
-    """One sample of the JSON export, with the fields that are read."""
-
-    sensor: str
-    time: Any = None
-    x: Any = None
-    y: Any = None
-    z: Any = None
-    qw: Any = None
-    qx: Any = None
-    qy: Any = None
-    qz: Any = None
-    pressure: Any = None
-    bssid: Any = None
-    level: Any = None
-    frequency: Any = None
-    id: Any = None
-    rssi: Any = None
-    txPowerLevel: Any = None
-    platform: Any = None
-    standardisation: Any = None
-    device_name: Any = None
-
-
-def _given(sample: _Sample) -> dict[str, Any]:
-    fields = msgspec.structs.asdict(sample)
-    return {key: value for key, value in fields.items() if value is not None and key != "sensor"}
-
-
-def _value(value: Any) -> str:
-    return "" if value is None else str(value)
 
 
 def _platform(export: _Export, vectors: Mapping[str, Any], tally: Tally) -> tuple[bool, bool]:

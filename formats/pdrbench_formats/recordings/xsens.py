@@ -22,6 +22,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.quaternions import inverse, to_world
 from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
@@ -42,8 +43,6 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     Raises:
         RecordingError: Names file, line and remedy.
     """
-    from scipy.spatial.transform import Rotation
-
     path, tally = Path(path), Tally()
     content = open_container(path).read(path.name)
     match = _HEADER.search(content[:65_536])
@@ -64,11 +63,10 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     if "Acc_X" in table.columns:
         streams["accel"] = np.column_stack([t_s, table.table(["Acc_X", "Acc_Y", "Acc_Z"])])
     elif "FreeAcc_X" in table.columns and q is not None:
+        whole = np.abs(np.linalg.norm(q, axis=1, keepdims=True) - 1.0) < 0.05  # False where a field is missing
         world_mps2 = table.table(["FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z"])
         world_mps2[:, 2] += STANDARD_GRAVITY_MPS2
-        whole = np.isfinite(world_mps2).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.05)
-        turn = Rotation.from_quat(np.where(whole[:, None], q, [1.0, 0.0, 0.0, 0.0])[:, [1, 2, 3, 0]])
-        force = np.where(whole[:, None], turn.apply(world_mps2, inverse=True), np.nan)
+        force = np.where(whole, to_world(inverse(np.where(whole, q, [1.0, 0.0, 0.0, 0.0])), world_mps2), np.nan)
         streams["accel"] = np.column_stack([t_s, force])
         tally.mended["gravity added back by the quaternion"] += len(t_s)
     if "Gyr_X" in table.columns:
