@@ -13,15 +13,17 @@ import msgspec
 
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, unknown_name
-from pdrbench.registry import make_task
-from pdrbench.task import HELD_OUT, commitment
+from pdrbench.registry import TASK_FILE, make_task
+from pdrbench.task import HELD_OUT, Task, commitment
+from pdrbench_leaderboard.confine.read_permissions import PRIVATE_VARIABLE, private_root
 from pdrbench_leaderboard.replays import num_replays
 from pdrbench_leaderboard.rounds import round_secret
 from pdrbench_leaderboard.schema import Line, Name, Record, Sha256
 
 BOARDS_FILE: Final = "boards.toml"
-Part = Literal["public", "held-out"]
-PARTS: Final[tuple[Part, ...]] = ("public", "held-out")
+Part = Literal["public", "held-out", "private"]
+PARTS: Final[tuple[Part, ...]] = ("public", "held-out", "private")
+PRIVATE: Final = "private"  # recordings whose truth nobody has but the host
 Count = Annotated[int, msgspec.Meta(ge=1)]
 
 
@@ -43,8 +45,20 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Parts that are played: of recorded walks the replays only, which count as held out."""
-        return PARTS if self.is_generated else ("held-out",)
+        """Parts that can be played here: of recorded walks the replays, which count as held out, and no public ones."""
+        can_play = {"public": self.is_generated, "held-out": True, PRIVATE: self.private is not None}
+        return tuple(part for part in PARTS if can_play[part])
+
+    @property
+    def open_part(self) -> Part:
+        """The part whose truth is public, whose results stand against those on private walks."""
+        return "public" if self.is_generated else "held-out"
+
+    @property
+    def private(self) -> Path | None:
+        """The task folder of private walks like these; None where this host has none."""
+        root = private_root()
+        return root / self.env if root is not None and (root / self.env / TASK_FILE).is_file() else None
 
     @property
     def ranked_walks(self) -> int:
@@ -66,11 +80,18 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
         dataset = make_task(self.env).dataset
         return dataset is None or is_available(dataset)
 
+    def task(self, part: Part, secret: str) -> Task:
+        """The task that has the walks of a part; raises `BundleError` where private walks are not here."""
+        if part != PRIVATE:
+            return make_task(self.env, secret)
+        if self.private is None:
+            raise BundleError(f"no private walks of {self.env}: {PRIVATE_VARIABLE} names the folder that has them")
+        return make_task(str(self.private))
+
     def walks_of(self, part: Part, secret: str) -> tuple[str, ...]:
         """Ids of the walks of a part, in the order of their split."""
-        if part == "public":
-            return make_task(self.env).split("test")[: self.walks]
-        return make_task(self.env, secret).split(HELD_OUT)[: self.held_out_walks]
+        split, count = (HELD_OUT, self.held_out_walks) if part == "held-out" else ("test", self.walks)
+        return self.task(part, secret).split(split)[:count]
 
 
 class Board(Record, frozen=True, kw_only=True):

@@ -13,7 +13,7 @@ from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.evaluation import answers
 from pdrbench.registry import make_task
 from pdrbench_leaderboard import table
-from pdrbench_leaderboard.boards import Board, find_round
+from pdrbench_leaderboard.boards import PRIVATE, Board, find_round
 from pdrbench_leaderboard.draw import make_truth, opaque_names
 from pdrbench_leaderboard.record import (
     PartWalks,
@@ -91,6 +91,9 @@ def _whole(board: Board, entry: Entry, walks: Collection[PartWalks]) -> Finding:
 def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: int) -> Iterator[Finding]:
     """Whether scores of the first walks come out of the answers."""
     name = f"{board.name}: {walks.env}, {walks.part}"
+    if walks.part == PRIVATE:
+        yield Finding(name, True, "not scored: its truth is with its host alone")
+        return
     secret = find_round(walks.round).secret
     if not secret:
         yield Finding(name, True, f"not scored: the secret of round {walks.round} is not published")

@@ -29,11 +29,11 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench.process.serialise import decoder, encoder
 from pdrbench.recording import Recording, SensorSpec, SensorStream
-from pdrbench.registry import environment_packages, make_task
+from pdrbench.registry import environment_packages
 from pdrbench.result import COMPLETE
 from pdrbench.task import StartKnowledge, Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_leaderboard.boards import BoardEnvironment, Part
+from pdrbench_leaderboard.boards import PRIVATE, BoardEnvironment, Part
 from pdrbench_leaderboard.canaries import Canary, crossed, cut_short, plan
 
 OBSERVATIONS, TRUTH, INDEX_FILE, TASK_FILE = "observations", "truth", "index", "task.py"
@@ -134,8 +134,8 @@ class DrawnPart:
         return [name for name in self.index.walks if name not in canaries]
 
 
-def made_by(listed: BoardEnvironment) -> str:
-    """Versions of what draws the walks of an environment, and how many: what agrees is used again."""
+def made_by(listed: BoardEnvironment, part: Part) -> str:
+    """Versions of what draws the walks of a part, and how many: what agrees is used again."""
     packages = sorted({"pdrbench_leaderboard", *environment_packages()})
     numbers = (listed.walks, listed.held_out_walks)
     parts = [
@@ -144,6 +144,9 @@ def made_by(listed: BoardEnvironment) -> str:
         versions()["numpy"],
         *(package_sha256(name) for name in packages),
     ]
+    if part == PRIVATE:
+        task = listed.task(part, "")
+        parts += [environment_version(str(listed.private)), *map(task.files_sha256, task.split("test"))]
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
@@ -166,15 +169,15 @@ def draw(
     import joblib
 
     drawn = DrawnPart(listed.env, part, folder)
-    now = made_by(listed)
+    now = made_by(listed, part)
     is_there = all(of.is_file() for of in (drawn.observations / INDEX_FILE, drawn.truth / CANARIES_FILE))
     if is_there and drawn.made_by == now:
         return drawn
-    task = make_task(listed.env, secret)
+    task = listed.task(part, secret)
     names = opaque_names(listed, part, secret)
     make_folder(drawn.observations)
     make_folder(drawn.truth)
-    tasks = (joblib.delayed(_draw_walk)(listed.env, secret, walk, name, drawn) for name, walk in names.items())
+    tasks = (joblib.delayed(_draw_walk)(listed, secret, walk, name, drawn) for name, walk in names.items())
     digests = []
     with reporting(len(names), 0, shown=progress, what=f"walks of {listed.env}, {part}, drawn") as advance:
         for digest in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
@@ -185,7 +188,7 @@ def draw(
     write_whole(drawn.truth / CANARIES_FILE, _packed(canaries))
     walks |= {name: _sha256(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
     index = Index(
-        env=task.id,
+        env=listed.env,
         nonce=secret_nonce(secret),
         sensors=task.sensors,
         capacity=dict(task.capacity),
@@ -239,9 +242,9 @@ def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str,
     }
 
 
-def _draw_walk(env: str, secret: str, walk: str, name: str, drawn: DrawnPart) -> str:
+def _draw_walk(listed: BoardEnvironment, secret: str, walk: str, name: str, drawn: DrawnPart) -> str:
     """Writes one walk; the sha256 of what a localizer may see of it."""
-    task = make_task(env, secret)
+    task = listed.task(drawn.part, secret)
     recording = task.load(walk)
     rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
     content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))

@@ -53,8 +53,8 @@ def run(
         typer.Option(metavar="FILE", dir_okay=False, help="Secret of the round, where it is not published."),
     ] = None,
     part: Annotated[
-        Literal["public", "held-out"] | None,
-        typer.Option(metavar="PART", help="Only public or only held-out walks.", show_default="both"),
+        Literal["public", "held-out", "private"] | None,
+        typer.Option(metavar="PART", help="Only these walks.", show_default="both"),
     ] = None,
     walks: Annotated[
         int | None,

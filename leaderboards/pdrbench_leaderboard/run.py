@@ -19,10 +19,11 @@ from pdrbench.process.launch import CONFINED, Isolation, find_launcher
 from pdrbench.registry import localizers
 from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.settings import split_name
-from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part, Round, read_secret
+from pdrbench_leaderboard.boards import PARTS, Board, BoardEnvironment, Part, Round, read_secret
 from pdrbench_leaderboard.bundle import SUFFIX
 from pdrbench_leaderboard.canaries import examine, judge
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_of
+from pdrbench_leaderboard.confine.read_permissions import private_root
 from pdrbench_leaderboard.draw import NAME_DIGITS, DrawnPart, draw, made_by, walks_sha256
 from pdrbench_leaderboard.folders import Supplies
 from pdrbench_leaderboard.play import answers_folder, play, read_played
@@ -110,7 +111,7 @@ class Settings:
     secret: Path | None = None
     jobs: int = 1
     scheduler: str | None = None
-    parts: tuple[Part, ...] = ("public", "held-out")
+    parts: tuple[Part, ...] = PARTS
     walks: int | None = None
     isolation: Isolation | None = None
     supplies: Supplies = field(default_factory=Supplies)
@@ -135,7 +136,7 @@ class Settings:
             BundleError: Another isolation was asked for.
             PdrbenchError: The system denies what confinement needs.
         """
-        guarded = self.key is not None or not self.round.secret
+        guarded = self.key is not None or not self.round.secret or private_root() is not None
         for entrant in wanted if guarded else ():
             if entrant.is_registered:
                 continue
@@ -301,7 +302,7 @@ def _run_part(
         return Outcome(board.name, listed.env, part, why="its recorded data is not found, see `pdrbench data`")
     folder = settings.root / board.name
     known = newest(folder, (listed.env, part))
-    number, now = settings.round.number, made_by(listed)
+    number, now = settings.round.number, made_by(listed, part)
     if known is None or (known.round, known.made_by) != (number, now):
         drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
         is_same = known is not None and (known.round, known.sha256) == (number, walks_sha256(drawn.index))

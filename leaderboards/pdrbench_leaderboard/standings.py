@@ -19,7 +19,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.metrics.ranking import Ranking, Standing, rank
 from pdrbench.registry import make_task
 from pdrbench.result import ONLINE
-from pdrbench_leaderboard.boards import Board, BoardEnvironment, Part
+from pdrbench_leaderboard.boards import PARTS, PRIVATE, Board, BoardEnvironment, Part
 from pdrbench_leaderboard.card import Card
 from pdrbench_leaderboard.record import (
     DivisionRecord,
@@ -75,6 +75,8 @@ class Row:
         found_s: Median over walks of the time to the first answer within 5 m.
         load: Mean over walks of processor time over the time of the walk.
         public_m: Score on public walks, NaN where there are none.
+        private_ratio: Score on private recordings over that on walks whose truth is public, geometric mean over the
+            environments that have both; NaN where there are none.
         by_env: Score on each environment.
     """
 
@@ -89,6 +91,7 @@ class Row:
     found_s: float
     load: float
     public_m: float
+    private_ratio: float
     by_env: Mapping[str, float]
 
     @property
@@ -177,7 +180,8 @@ class Table:
             if (ranking := self.ranked("held-out", env=listed.env)) is not None
         }
         entries = {entry.name: entry for entry in self.entries}
-        return tuple(self._row(entries[of.name], of, public, by_env) for of in self.ranking.standings)
+        ratios = self.private_ratios
+        return tuple(self._row(entries[of.name], of, public, by_env, ratios) for of in self.ranking.standings)
 
     def _row(
         self,
@@ -185,6 +189,7 @@ class Table:
         standing: Standing,
         public: Mapping[str, float],
         by_env: Mapping[str, Mapping[str, float]],
+        private_ratios: Mapping[str, float],
     ) -> Row:
         played = {name: self.values(entry, name) for name in ("mean_m", "coverage", "outside_pct", "found_s", "load")}
         p75, p95 = pooled(list(self.divisions(entry).values()), (0.75, 0.95))
@@ -202,8 +207,21 @@ class Table:
             found_s=_median(np.concatenate(list(played["found_s"].values()))),
             load=mean_of(np.concatenate(list(played["load"].values()))),
             public_m=public.get(entry.name, math.nan),
+            private_ratio=private_ratios.get(entry.name, math.nan),
             by_env={env: of[entry.name] for env, of in by_env.items() if entry.name in of},
         )
+
+    @property
+    def private_ratios(self) -> dict[str, float]:
+        """How much worse each entry is on private recordings than on walks like them whose truth is public."""
+        found: dict[str, list[float]] = {}
+        for listed in self.environments(PRIVATE):
+            private, known = (self.ranked(part, env=listed.env) for part in (PRIVATE, listed.open_part))
+            known_m = {} if known is None else {of.name: of.score_m for of in known.standings}
+            for of in private.standings if private is not None else ():
+                if of.name in known_m:
+                    found.setdefault(of.name, []).append(of.score_m / known_m[of.name])
+        return {name: float(np.exp(np.mean(np.log(of)))) for name, of in found.items()}
 
     @property
     def num_pairs(self) -> int:
@@ -253,7 +271,7 @@ def read_tables(root: Path, board: Board) -> list[Table]:
     """Both divisions of a board; none where nothing was played."""
     walks = read_walks(root / board.name)
     entries = [Entry(*read_entry(folder), folder) for folder in list_entries(root, board.name)]
-    places = [(listed.env, part) for listed in board.environments for part in listed.parts]
+    places = [(listed.env, part) for listed in board.environments for part in PARTS]
     walks = {place: walks[place] for place in places if place in walks}
     verified = [entry for entry in entries if is_verified(entry.folder, entry.record)]
     tables = []

@@ -16,6 +16,7 @@ from pdrbench_leaderboard.standings import Row, Table
 FILE_NAME: Final = "README.md"
 MAX_RATIO: Final = 1.25  # between neighbours: above it, a board says that it is too coarse
 FOUND: Final = "found after, s"  # of boards on which no start is given
+PRIVATE_RATIO: Final = "private / public"  # of boards with private recordings
 HEAD: Final = (
     "rank",
     "entry",
@@ -31,6 +32,7 @@ HEAD: Final = (
     FOUND,
     "processor, % of real time",
     "public p75, m",
+    PRIVATE_RATIO,
     "uses",
 )
 LEFT: Final = frozenset({"entry", "uses"})
@@ -72,7 +74,8 @@ def environment_lines(table: Table) -> list[list[str]]:
 
 def shown_head(table: Table) -> list[str]:
     """Columns of a table."""
-    return [name for name in HEAD if name != FOUND or table.is_lost]
+    shown = {FOUND: table.is_lost, PRIVATE_RATIO: bool(table.private_ratios)}
+    return [name for name in HEAD if shown.get(name, True)]
 
 
 def cells(row: Row) -> dict[str, str]:
@@ -91,6 +94,7 @@ def cells(row: Row) -> dict[str, str]:
         "never" if math.isinf(row.found_s) else number(row.found_s),
         percent(row.load),
         number(row.public_m),
+        number(row.private_ratio),
         uses(row),
     ]
     return dict(zip(HEAD, values, strict=True))
@@ -151,6 +155,11 @@ def notes(table: Table) -> Iterator[str]:
     if math.isfinite(smallest):
         coarse = f", which is above {MAX_RATIO}: it is too coarse for neighbours" if smallest > MAX_RATIO else ""
         yield f"The smallest ratio that the board can tell is {smallest:.2f}{coarse}."
+    if table.private_ratios:
+        yield (
+            "Private / public: off by on recordings whose truth is with the host alone, over that on walks of the same "
+            "environment whose truth is public. What was learned by heart is much worse on the former."
+        )
     apart, every = table.agreement
     if math.isfinite(every):
         yield (

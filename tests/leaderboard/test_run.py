@@ -15,11 +15,14 @@ from pdrbench.evaluation import answers
 from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
-from pdrbench_leaderboard import record, score
-from pdrbench_leaderboard.boards import OtherSecretError, Round, boards, find_round
+from pdrbench_leaderboard import record, score, table
+from pdrbench_leaderboard.boards import Board, OtherSecretError, Round, boards, find_round
 from pdrbench_leaderboard.bundle import write_bundle
+from pdrbench_leaderboard.checking import check_board
+from pdrbench_leaderboard.confine.read_permissions import hidden_places
 from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
 from pdrbench_leaderboard.run import Settings, run
+from pdrbench_leaderboard.standings import read_tables
 from pdrbench_leaderboard.submission import make_bundle
 
 from .conftest import DEAF, ENV, ROUND, SECRET, STAY, TOY
@@ -186,3 +189,47 @@ def test_a_try_plays_fewer_walks(settings: Settings) -> None:
     assert {len(of.walks) for of in walks.values()} <= {1, 2}
     assert all(of.kept == (STAY,) for of in run([TOY], [STAY], few))
     assert any(of.played == (STAY,) for of in run([TOY], [STAY], settings))
+
+
+def write_private_walks(folder: Path) -> None:
+    """A task folder: two straight walks of a phone, with their truth."""
+    folder.mkdir(parents=True)
+    t_s = np.arange(0.0, 30.0, 0.02)
+    bounce = 2.5 * np.sin(2 * np.pi * 1.9 * t_s)
+    still = np.zeros_like(t_s)
+    rows = np.column_stack([t_s, 0.3 * bounce, still, 9.81 + bounce, 0.1 * bounce, still, 0.05 * bounce])
+    for name, end_m in (("first", 20), ("second", 40)):
+        np.savetxt(folder / f"{name}.csv", rows, "%.6f", ",", header="t_s,ax,ay,az,gx,gy,gz", comments="")
+        (folder / f"{name}_truth.csv").write_text(f"t_s,x_m,y_m,level\n0,0,0,0\n15,{end_m / 2},0,0\n29,{end_m},0,0\n")
+    (folder / "columns.toml").write_text(
+        'time = "t_s"\ntime_unit = "s"\naccel = ["ax", "ay", "az"]\ngyro = ["gx", "gy", "gz"]\n'
+    )
+    tables = "".join(f'[[walk]]\nfile = "{name}.csv"\nmounting = "hand"\n' for name in ("first", "second"))
+    (folder / "task.toml").write_text('columns = "columns.toml"\n' + tables)
+
+
+def test_private_recordings_are_a_column(
+    toy_board: Board, settings: Settings, mine: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the host alone has is played beside the board; nothing of it is kept but scores."""
+    write_private_walks(tmp_path / "private" / ENV)
+    monkeypatch.setenv("PDRBENCH_PRIVATE", str(tmp_path / "private"))
+    outcomes = list(run([toy_board], [STAY], settings))
+    assert [(of.part, of.played) for of in outcomes] == [(part, (STAY,)) for part in ("public", "held-out", "private")]
+    assert all(of.kept == (STAY,) for of in run([toy_board], [STAY], settings))
+    with pytest.raises(BundleError, match="played confined"):  # a stranger could read the truth
+        list(run([toy_board], [mine[0]], settings, card=mine[1]))
+    assert str(tmp_path / "private") in hidden_places()
+    monkeypatch.delenv("PDRBENCH_PRIVATE")
+    folder = settings.root / "toy" / STAY
+    entry, _ = record.read_entry(folder)
+    parts = {part.part: part for part in entry.parts}
+    assert record.answers_of(entry, record.read_answers(folder), parts["private"]) == b""
+    assert len(parts["private"].divisions[0].values["p75_m"]) == 2
+    found = read_tables(settings.root, toy_board)[0]
+    scores = {name: found.ranked(name).standings[0].score_m for name in ("public", "private")}
+    assert found.rows[0].private_ratio == pytest.approx(scores["private"] / scores["public"])
+    assert "private / public" in table.page(toy_board, [found])
+    findings = list(check_board(settings.root, toy_board))
+    assert any("with its host alone" in of.why for of in findings)
+    assert {of.name for of in findings if not of.passed} == {"toy/README.md"}  # was not written

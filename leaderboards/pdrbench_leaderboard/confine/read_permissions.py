@@ -30,6 +30,7 @@ from pdrbench.registry import (
 from pdrbench.settings import split_name
 from pdrbench_leaderboard.confine.toolbox import TOOLBOX
 
+PRIVATE_VARIABLE: Final = "PDRBENCH_PRIVATE"
 HOME: Final = Path(pdrbench.__file__).parent
 # Shared libraries, time zones, and what numeric libraries ask the kernel: of its files those alone that never change,
 # since a counter of the whole machine carries notes from one walk to the next.
@@ -211,9 +212,16 @@ def _cache_name(source: Path) -> str:
     return f"{source.name}_{hashlib.sha1(str(source).encode(), usedforsecurity=False).hexdigest()}"
 
 
+def private_root() -> Path | None:
+    """The folder with task folders of private recordings, each called as the environment it is like; None: none."""
+    named = os.environ.get(PRIVATE_VARIABLE)
+    return Path(named).absolute() if named else None
+
+
 def hidden_places() -> frozenset[str]:
     """What no localizer may read: packages with environments and simulators, wherever they are installed, and data."""
-    found = {str(place) for place in (*data_folders(), cache_folder())}
+    private = private_root()
+    found = {str(place) for place in (*data_folders(), cache_folder(), *([] if private is None else [private]))}
     for name in environment_packages():
         for root in _import_roots():
             found |= {str(root / name), str(root / f"{name}.py")}
