@@ -5,16 +5,14 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
-from pdrbench.errors import BundleError, ResultError, plain_line
+from pdrbench.errors import BundleError, ResultError
 from pdrbench_leaderboard import rounds_command
-from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder
-from pdrbench_leaderboard.steps_command import add_step_commands
+from pdrbench_leaderboard.steps_command import ROOT, Root, add_step_commands
 
 if TYPE_CHECKING:
     from http.server import ThreadingHTTPServer
@@ -26,109 +24,11 @@ app.add_typer(rounds_command.app, name="round")
 add_step_commands(app)
 
 HOST: Final = "127.0.0.1"  # reachable from this machine only
-Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <board>/<entry>/.")]
-
-
-@app.command("run")
-def run(
-    board: Annotated[list[str] | None, typer.Argument(metavar="[BOARD]...", show_default="all")] = None,
-    localizer: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="LOCALIZER",
-            help="Registered id, path/to/file.py:Class, path/to/folder or bundle.pdrz; repeat for several.",
-            show_default="every entry, and every localizer of pdrbench",
-        ),
-    ] = None,
-    card: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", dir_okay=False, help="card.toml of the localizer, where it brings none."),
-    ] = None,
-    round_number: Annotated[
-        int | None,
-        typer.Option("--round", min=0, metavar="N", help="Held-out walks of which round.", show_default="the newest"),
-    ] = None,
-    secret: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", dir_okay=False, help="Secret of the round, where it is not published."),
-    ] = None,
-    part: Annotated[
-        Literal["public", "held-out", "private"] | None,
-        typer.Option(metavar="PART", help="Only these walks.", show_default="both"),
-    ] = None,
-    walks: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="At most N walks of each part, for a try.", show_default="all"),
-    ] = None,
-    root: Root = Path("leaderboards"),
-    work: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", file_okay=False, help="Keep drawn walks and answers here.", show_default="in the cache"
-        ),
-    ] = None,
-    jobs: Jobs = 1,
-    scheduler: Scheduler = None,
-    isolation: Annotated[
-        Literal["process", "confined", "none"] | None,
-        typer.Option(
-            metavar="KIND", help="What localizers run in.", show_default="process, confined where not registered"
-        ),
-    ] = None,
-    key: Annotated[
-        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs entries.")
-    ] = None,
-    wheels: WheelsFolder = None,
-    weights: WeightsFolder = None,
-    packages: PackagesFolder = None,
-    as_json: AsJson = False,
-) -> None:
-    """Play every entry on every board, public and held-out walks; what is done already is skipped."""
-    with answer_only(as_json):
-        from pdrbench.datasets import cache_folder
-        from pdrbench_leaderboard.boards import PARTS, chosen_boards, find_round
-        from pdrbench_leaderboard.folders import Supplies
-        from pdrbench_leaderboard.run import Settings
-        from pdrbench_leaderboard.run import run as run_boards
-
-        of_round = find_round(round_number)
-        settings = Settings(
-            root=root,
-            work=work or cache_folder() / "boards" / f"round-{of_round.number}",
-            round=of_round,
-            secret=secret,
-            jobs=jobs,
-            scheduler=scheduler,
-            parts=PARTS if part is None else (part,),
-            walks=walks,
-            isolation=isolation,
-            supplies=Supplies(wheels, weights, packages),
-            key=key,
-            progress=True,
-        )
-        rows = []
-        for outcome in run_boards(chosen_boards(board or ()), localizer or (), settings, card=card):
-            rows.append(dataclasses.asdict(outcome))
-            said = (
-                outcome.why
-                or f"{len(outcome.played)} played, {len(outcome.kept)} done before, {len(outcome.declined)} declined"
-            )
-            for name, why in outcome.refused.items():
-                note(plain_line(f"REFUSED  {name}: {why}"))
-            for name, why in outcome.held.items():
-                note(plain_line(f"HELD  {name}: {why}"))
-            note(f"{outcome.board}  {outcome.env}, {outcome.part}: {said}")
-    if as_json:
-        print_json({"parts": rows})
-    else:
-        say(f"{root} holds what came of it; `pdrbench leaderboard build` makes tables and pages")
-    if any(row["refused"] for row in rows):
-        raise typer.Exit(1)
 
 
 @app.command("build")
 def build(
-    root: Root = Path("leaderboards"),
+    root: Root = ROOT,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the site.")] = Path("site"),
     as_json: AsJson = False,
 ) -> None:
@@ -157,7 +57,7 @@ def build(
 
 
 @app.command("check")
-def check(root: Root = Path("leaderboards"), as_json: AsJson = False) -> None:
+def check(root: Root = ROOT, as_json: AsJson = False) -> None:
     """Check that entries are whole, that scores come out of answers, and that tables are those of the entries."""
     with answer_only(as_json):
         from pdrbench_leaderboard.boards import boards

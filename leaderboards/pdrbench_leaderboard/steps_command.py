@@ -1,28 +1,50 @@
-"""`pdrbench leaderboard draw|play|score`: the three steps of `run`, on machines of their own."""
+"""`pdrbench leaderboard run`, and `draw|play|score`: the three steps of it, on machines of their own."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
-from pdrbench.cli.options import Jobs
+from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import PdrbenchError, plain_line
 from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder
 
+if TYPE_CHECKING:
+    from pdrbench_leaderboard.run import Outcome
+
 Boards = Annotated[list[str] | None, typer.Argument(metavar="[BOARD]...", show_default="all")]
 RoundNumber = Annotated[
-    int | None, typer.Option("--round", min=0, metavar="N", help="Of which round.", show_default="the newest")
+    int | None,
+    typer.Option("--round", min=0, metavar="N", help="Held-out walks of which round.", show_default="the newest"),
 ]
-Localizer = Annotated[
-    str, typer.Option(metavar="LOCALIZER", help="Registered id, path/to/file.py:Class, path/to/folder or bundle.pdrz.")
+SecretFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", dir_okay=False, help="Secret of the round, where it is not published."),
 ]
+NumWalks = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="At most N walks of each part, for a try.", show_default="all"),
+]
+LOCALIZERS: Final = "Registered id, path/to/file.py:Class, path/to/folder or bundle.pdrz"
+Localizer = Annotated[str, typer.Option(metavar="LOCALIZER", help=f"{LOCALIZERS}.")]
 CardFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", dir_okay=False, help="card.toml, where the localizer brings none.")
+    Path | None,
+    typer.Option(metavar="FILE", dir_okay=False, help="card.toml of the localizer, where it brings none."),
 ]
+KeyFile = Annotated[Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs entries.")]
+Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <board>/<entry>/.")]
+Work = Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder of what is drawn.")]
+ROOT: Final = Path("leaderboards")
+ISOLATION: Final[dict[str, Any]] = {
+    "metavar": "KIND",
+    "help": "What localizers run in.",
+    "show_default": "process, confined where not registered",
+}
 HOW_TO_PLAY: Final = (
     "play it where it can be confined, or with --isolation process on a machine or in a container that holds nothing "
     "but observations"
@@ -31,21 +53,77 @@ HOW_TO_PLAY: Final = (
 
 def add_step_commands(app: typer.Typer) -> None:
     """Adds them to the commands of `leaderboard`."""
-    app.command("draw")(draw)
-    app.command("play")(play)
-    app.command("score")(score)
+    for command in (run, draw, play, score):
+        app.command(command.__name__)(command)
+
+
+def run(
+    board: Boards = None,
+    localizer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LOCALIZER",
+            help=f"{LOCALIZERS}; repeat for several.",
+            show_default="every entry, and every localizer of pdrbench",
+        ),
+    ] = None,
+    card: CardFile = None,
+    round_number: RoundNumber = None,
+    secret: SecretFile = None,
+    part: Annotated[
+        Literal["public", "held-out", "private"] | None,
+        typer.Option(metavar="PART", help="Only these walks.", show_default="all that are here"),
+    ] = None,
+    walks: NumWalks = None,
+    root: Root = ROOT,
+    work: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", file_okay=False, help="Keep drawn walks and answers here.", show_default="in the cache"
+        ),
+    ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
+    isolation: Annotated[Literal["process", "confined", "none"] | None, typer.Option(**ISOLATION)] = None,
+    key: KeyFile = None,
+    wheels: WheelsFolder = None,
+    weights: WeightsFolder = None,
+    packages: PackagesFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Play every entry on every board, public and held-out walks; what is done already is skipped."""
+    with answer_only(as_json):
+        from pdrbench.datasets import cache_folder
+        from pdrbench_leaderboard.boards import PARTS, chosen_boards, find_round
+        from pdrbench_leaderboard.folders import Supplies
+        from pdrbench_leaderboard.run import Settings
+        from pdrbench_leaderboard.run import run as run_boards
+
+        of_round = find_round(round_number)
+        settings = Settings(
+            root=root,
+            work=work or cache_folder() / "boards" / f"round-{of_round.number}",
+            round=of_round,
+            secret=secret,
+            jobs=jobs,
+            scheduler=scheduler,
+            parts=PARTS if part is None else (part,),
+            walks=walks,
+            isolation=isolation,
+            supplies=Supplies(wheels, weights, packages),
+            key=key,
+            progress=True,
+        )
+        found = _noted(run_boards(chosen_boards(board or ()), localizer or (), settings, card=card))
+    _tell(found, root, as_json=as_json)
 
 
 def draw(
-    work: Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder for what is drawn.")],
+    work: Work,
     board: Boards = None,
     round_number: RoundNumber = None,
-    secret: Annotated[
-        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Secret, where it is not published.")
-    ] = None,
-    walks: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="At most N walks of each part.", show_default="all")
-    ] = None,
+    secret: SecretFile = None,
+    walks: NumWalks = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -70,10 +148,7 @@ def play(
     observations: Annotated[Path, typer.Argument(metavar="OBSERVATIONS", file_okay=False, help="What was drawn.")],
     localizer: Localizer,
     out: Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder for answers.")],
-    isolation: Annotated[
-        Literal["process", "confined"] | None,
-        typer.Option(metavar="KIND", help="What it runs in.", show_default="process, confined where not registered"),
-    ] = None,
+    isolation: Annotated[Literal["process", "confined"] | None, typer.Option(**ISOLATION)] = None,
     jobs: Jobs = 1,
     wheels: WheelsFolder = None,
     weights: WeightsFolder = None,
@@ -120,16 +195,12 @@ def play(
 def score(
     answers: Annotated[Path, typer.Argument(metavar="ANSWERS", file_okay=False, help="What was played.")],
     localizer: Localizer,
-    work: Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder of what was drawn.")],
+    work: Work,
     board: Annotated[list[str] | None, typer.Option(metavar="BOARD", show_default="all")] = None,
     card: CardFile = None,
     round_number: RoundNumber = None,
-    root: Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <board>/<entry>/.")] = Path(
-        "leaderboards"
-    ),
-    key: Annotated[
-        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs the entry.")
-    ] = None,
+    root: Root = ROOT,
+    key: KeyFile = None,
     jobs: Jobs = 1,
     wheels: WheelsFolder = None,
     weights: WeightsFolder = None,
@@ -145,16 +216,30 @@ def score(
         supplies = Supplies(wheels, weights, packages)
         settings = Settings(root=root, work=work, round=find_round(round_number), jobs=jobs, key=key, supplies=supplies)
         entrant = unpacked(localizer, settings, card)
-        found = list(score_all(chosen_boards(board or ()), entrant, answers, settings))
-        for outcome in found:
-            for said, of in (("REFUSED", outcome.refused), ("HELD", outcome.held)):
-                for name, why in of.items():
-                    note(plain_line(f"{said}  {name}: {why}"))
+        found = _noted(score_all(chosen_boards(board or ()), entrant, answers, settings))
         if not found:
             raise PdrbenchError(f"{answers} holds no answers to what was drawn in {work}")
+    _tell(found, root, as_json=as_json)
+
+
+def _noted(outcomes: Iterable[Outcome]) -> list[Outcome]:
+    """What became of each part, a line for each as it comes."""
+    found = []
+    for outcome in outcomes:
+        found.append(outcome)
+        for said, of in (("REFUSED", outcome.refused), ("HELD", outcome.held)):
+            for name, why in of.items():
+                note(plain_line(f"{said}  {name}: {why}"))
+        counts = f"{len(outcome.played)} played, {len(outcome.kept)} done before, {len(outcome.declined)} declined"
+        note(f"{outcome.board}  {outcome.env}, {outcome.part}: {outcome.why or counts}")
+    return found
+
+
+def _tell(outcomes: list[Outcome], root: Path, *, as_json: bool) -> None:
+    """Answers with what became of each part; exits with 1 where an entry was refused."""
     if as_json:
-        print_json({"parts": [dataclasses.asdict(outcome) for outcome in found]})
+        print_json({"parts": [dataclasses.asdict(outcome) for outcome in outcomes]})
     else:
         say(f"{root} holds what came of it; `pdrbench leaderboard build` makes tables and pages")
-    if any(outcome.refused for outcome in found):
+    if any(outcome.refused for outcome in outcomes):
         raise typer.Exit(1)

@@ -120,7 +120,7 @@ class ChildProcess:
             raise LaunchError(f"no process for localizers can be started: {error.strerror}") from error
         assert self._process.stdin is not None and self._process.stdout is not None
         self._requests, self._replies = self._process.stdin, self._process.stdout
-        self._usage = _Usage(self._process.pid)
+        self._usage = Usage(self._process.pid)
         self._ends_s, self.last_read_s = math.inf, time.monotonic()
         self._why: LateError | EndedError | None = None  # why it was ended
         self._ended: Ended | None = None
@@ -235,7 +235,7 @@ class ChildProcess:
             time.sleep(CHECK_S)
 
 
-class _Usage:
+class Usage:
     """Memory, threads and processor time of a process, since a walk began."""
 
     def __init__(self, pid: int) -> None:
@@ -264,15 +264,11 @@ class _Usage:
 
     def check(self, limits: Limits) -> None:
         """Raises `EndedError` where a limit is exceeded."""
-        check_limits(self._memory_mb, self._threads, limits)
-
-
-def check_limits(memory_mb: float, threads: int, limits: Limits) -> None:
-    """Raises `EndedError` where a process exceeds its limits of memory or threads."""
-    if memory_mb > limits.memory_mb:
-        raise EndedError(f"memory: it uses {memory_mb:.0f} MB; the limit is {limits.memory_mb} MB", is_running=True)
-    if threads > limits.threads:
-        raise EndedError(f"threads: it runs {threads}; the limit is {limits.threads}", is_running=True)
+        used_mb, threads = self._memory_mb, self._threads
+        if used_mb > limits.memory_mb:
+            raise EndedError(f"memory: it uses {used_mb:.0f} MB; the limit is {limits.memory_mb} MB", is_running=True)
+        if threads > limits.threads:
+            raise EndedError(f"threads: it runs {threads}; the limit is {limits.threads}", is_running=True)
 
 
 class _Idle:

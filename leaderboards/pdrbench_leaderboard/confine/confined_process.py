@@ -22,13 +22,12 @@ from pdrbench.process.child_process import (
     LateError,
     LaunchError,
     Limits,
-    check_limits,
+    Usage,
 )
 from pdrbench.process.messages import TRACE_SIGNAL, ProtocolError, frame_size
 from pdrbench_leaderboard.confine.boot import LENGTH_BYTES, ProtectionRecord
 from pdrbench_leaderboard.confine.confine import mode
 from pdrbench_leaderboard.confine.memory_group import MemoryGroup
-from pdrbench_leaderboard.confine.usage import Usage
 
 LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
 CHECK_MS: Final = round(1000 * CHECK_S)
@@ -178,10 +177,8 @@ class ConfinedProcess:
             try:
                 self._ended = self._reap(grace_s)
             except LaunchError as error:  # the launcher, which measures it, has ended
-                seen = round(self._usage.peak_mb, 1), round(self._usage.cpu_s, 3)
-                self._ended = Ended(0, True, *seen, is_measured=False, lost=str(error))
+                self._ended = Ended(0, True, *self._usage.used, is_measured=False, lost=str(error))
             finally:
-                self._usage.close()
                 if self._group is not None:
                     self._has_exceeded = self._group.has_exceeded
                     self._group.close()
@@ -234,9 +231,8 @@ class ConfinedProcess:
     def _check(self) -> None:
         """Raises `EndedError` where memory or threads exceed their limits; called every `CHECK_S`."""
         self._checked_s = self.last_read_s
-        used = self._usage.read()
-        if used is not None:
-            check_limits(*used, self._limits)
+        self._usage.read()
+        self._usage.check(self._limits)
 
 
 def _own_pid(handle: int, pid: int) -> int:

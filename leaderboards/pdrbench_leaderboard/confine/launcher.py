@@ -15,7 +15,6 @@ import importlib.util
 import json
 import os
 import pkgutil
-import shutil
 import socket
 import sys
 import sysconfig
@@ -24,7 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdrbench.process import child_main, messages
-from pdrbench_leaderboard.confine import boot, numba_cache, scratch
+from pdrbench_leaderboard.confine import boot, numba_cache
 from pdrbench_leaderboard.confine.boot import ProtectionRecord, receive, send
 from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach, prefer_for_oom
 from pdrbench_leaderboard.confine.landlock import Ruleset
@@ -37,6 +36,7 @@ MAX_RULESETS: Final = 16
 NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")
 # What numeric libraries ask /proc, as it was when the launcher began: what changes there would be a note
 PROC_FILES: Final = ("/proc/cpuinfo", "/proc/sys/vm/overcommit_memory", "/proc/filesystems", "/proc/version")
+OWN_MAP: Final = "/proc/self/maps"  # where a library finds the ends of the stack
 
 
 def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> None:
@@ -68,7 +68,8 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
         launcher.end()
     for folder in (orders["scratch"], orders["compiled"]):
         boot.leave_scratch(folder)
-        shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            os.rmdir(folder)  # noqa: PTH106
     os._exit(0)
 
 
@@ -80,6 +81,7 @@ class _Launcher:
         if all(name in record.held for name in NEEDED_ALONE):
             self._namespace = os.open("/proc/self/ns/pid", os.O_RDONLY | os.O_CLOEXEC)
         self._proc = {path: _content(path) for path in PROC_FILES}
+        self._num_modules = 0  # that were loaded when the map of its memory was read, which a fork has as well
         self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
         self._libraries: set[str] = set()
 
@@ -154,11 +156,13 @@ class _Launcher:
         ruleset, why_none = self._ruleset(order)
         os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
         record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
+        if self._num_modules != len(sys.modules):
+            self._num_modules, self._proc[OWN_MAP] = len(sys.modules), _content(OWN_MAP)
 
         def arrange() -> None:
             record.attempt(["first-to-go"], prefer_for_oom)
             boot.mount_scratch(self._orders)
-            boot.mount_facts({**self._proc, "/proc/self/maps": _content("/proc/self/maps")})
+            boot.mount_facts(self._proc)
             if ruleset is not None:
                 ruleset.write(self._orders["scratch"])
                 ruleset.read("/proc")
@@ -201,12 +205,11 @@ class _Launcher:
         child_main.serve(requests, replies, messages.Started(0, record.held, record.missing))
 
     def _reap(self, grace_s: float) -> dict[str, Any]:
-        """Ends the child and its descendants and removes its files; returns how it ended and what it used."""
+        """Ends the child and its descendants, and with them their files; returns how it ended and what it used."""
         assert self._child is not None
         killed = not self._child.wait(grace_s)
         ended = self._child.end(kill=killed)
         self._child = None
-        scratch.empty(self._orders["scratch"])
         return {"code": os.waitstatus_to_exitcode(ended.pop("status")), "killed": killed, **ended}
 
 

@@ -21,7 +21,6 @@ from typing import Any, Final
 from pdrbench.arithmetic import THREADS
 from pdrbench.errors import PdrbenchError
 from pdrbench.process.child_process import GRACE_S, MEBIBYTE, Ended, LaunchError, Limits
-from pdrbench_leaderboard.confine import scratch
 from pdrbench_leaderboard.confine.boot import receive, send
 from pdrbench_leaderboard.confine.confine import FileLimits
 from pdrbench_leaderboard.confine.confined_process import LAUNCHER_ENDED, ConfinedProcess
@@ -174,12 +173,9 @@ class Launcher:
             self._process.kill()
             self._process.wait()
         self._errors.close()
-        with contextlib.suppress(OSError):  # the launcher has removed it where it ended by itself
-            scratch.empty(self._scratch)
-            os.rmdir(self._scratch)  # noqa: PTH106
-        scratch.empty(self._compiled)
-        with contextlib.suppress(OSError):
-            os.rmdir(self._compiled)  # noqa: PTH106
+        for folder in (self._scratch, self._compiled):  # empty: what was written there lay in namespaces that are gone
+            with contextlib.suppress(OSError):  # the launcher has removed it where it ended by itself
+                os.rmdir(folder)  # noqa: PTH106
 
     def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
         try:
