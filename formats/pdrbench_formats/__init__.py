@@ -40,6 +40,7 @@ READERS: Final = {
     "csv": "pdrbench_formats.recordings.csv_columns:READER",
     "other_program": "pdrbench_formats.recordings.other_program:READER",
     "dxf": "pdrbench_formats.maps.dxf:READER",
+    "shapefile": "pdrbench_formats.maps.shapefile:READER",
     "imdf": "pdrbench_formats.maps.imdf:READER",
     "indoorgml": "pdrbench_formats.maps.indoorgml:READER",
     "osm_indoor": "pdrbench_formats.maps.osm_indoor:READER",

@@ -49,3 +49,11 @@ def test_an_environment_of_a_task_object_has_a_spec() -> None:
     env = gymnasium.make("pdrbench/CampusStride-v1", task=task, split="train")
     assert env.spec is not None and env.spec.id == "pdrbench/CampusStride-v1"
     assert env.spec.kwargs["task"] is task
+
+
+@pytest.mark.parametrize("name", ["CampusStride-v1", "OfficeStride-v0"])
+def test_an_id_without_its_namespace_is_refused_with_the_right_one(name: str) -> None:
+    with pytest.raises(
+        gymnasium.error.NameNotFound, match=rf"lacks its namespace: gymnasium\.make\('pdrbench/{name}'\)"
+    ):
+        gymnasium.make(name, split="train")

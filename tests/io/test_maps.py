@@ -210,8 +210,8 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "a feature alone": (lambda p: written(p / "a.geojson", house()[0]), "a Feature alone"),
     "lines": (lambda p: written_text(p / "a.json", "\n".join(map(json.dumps, house()))), "a feature on each line"),
     "other words": (
-        lambda p: plain([{**one, "properties": {"type": "room", "floor": 0}} for one in house()], p / "a.json"),
-        "its properties are floor, type",
+        lambda p: plain([{**one, "properties": {"what": "room", "floor": 0}} for one in house()], p / "a.json"),
+        "its properties are floor, what",
     ),
     "unit": (lambda p: plain(house(), p / "a.geojson", units="yards"), "a.geojson: no unit of length"),
     "cut gzip": (

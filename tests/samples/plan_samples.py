@@ -191,7 +191,40 @@ def dxf(folder: Path, layers: tuple[str, str] = ("A-WALL", "A-DOOR"), *, in_bloc
     return folder / "house.dxf"
 
 
+def layered() -> list[dict[str, Any]]:
+    """The house as programs for maps have it: a layer and one level for each shape."""
+    found = []
+    for one in house():
+        kind, tags = one["properties"]["feature"], one["properties"]
+        layer = {"room": "A-ROOM", "area": "A-AREA", "door": "A-DOOR", "stairs": "A-STRS", "lift": "A-EVTR"}[kind]
+        for level in tags.get("levels", [tags.get("level")]):
+            found.append({**one, "properties": {"Layer": layer, "level": level}})
+    return found
+
+
+def shapefiles(folder: Path) -> Path:
+    """The house as shapefiles in feet, one for each layer, in an archive."""
+    shapefile = pytest.importorskip("shapefile")
+    parts = scaled(layered(), lambda p: [p[0] / 0.3048, p[1] / 0.3048])
+    for name in ("rooms", "Doors", "stairs", "lifts"):
+        is_line = name == "Doors"
+        with shapefile.Writer(folder / name, shapefile.POLYLINE if is_line else shapefile.POLYGON) as file:
+            file.field("floor", "N", 4)
+            layers = {"rooms": ("A-ROOM", "A-AREA"), "Doors": ("A-DOOR",), "stairs": ("A-STRS",), "lifts": ("A-EVTR",)}
+            for one in (one for one in parts if one["properties"]["Layer"] in layers[name]):
+                coordinates = one["geometry"]["coordinates"]
+                file.line([coordinates]) if is_line else file.poly(coordinates)
+                file.record(one["properties"]["level"])
+        (folder / f"{name}.prj").write_text('PROJCS["x",GEOGCS["y",UNIT["Degree",0.01745]],UNIT["Foot",0.3048]]')
+    with zipfile.ZipFile(folder / "house.zip", "w") as archive:
+        for path in sorted(folder.iterdir()):
+            if path.suffix in (".shp", ".dbf", ".shx", ".prj"):
+                archive.write(path, f"gis/{path.name}")
+    return folder / "house.zip"
+
+
 MADE = {
+    "shapefile": (shapefiles, (0, 1)),
     "imdf": (imdf, (0, 1)),
     "osm_indoor": (osm, (0, 1)),
     "picture": (picture, (0,)),
@@ -347,6 +380,7 @@ FOREIGN: dict[str, Callable[[Path], Path]] = {
     "overpass out body": lambda p: written(p / "a.json", overpass(osm_elements())),
     "overpass out geom": lambda p: written(p / "a.json", overpass(osm_elements(), with_geometry=True)),
     "nested tags": geojson_of_osm,
+    "layers of a drawing": lambda p: plain(scaled(layered(), degrees), p / "a.geojson", units="", levels=[]),
     "indoorgml 1.0": indoorgml,
     "indoorgml 1.1": lambda p: indoorgml(p, version="1.1"),
     "patches": lambda p: indoorgml(p, form="patches"),

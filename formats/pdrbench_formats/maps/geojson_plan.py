@@ -18,7 +18,7 @@ from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.maps import osm_indoor
+from pdrbench_formats.maps import osm_indoor, shapefile
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
     Collection,
@@ -92,6 +92,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: no feature with geometry; draw a room, an area or a wall")
     if any(feature.tags.get("indoor") for feature in features) and not _says_what(features):
         return osm_indoor.read(path, strict=strict)  # tags of OpenStreetMap far behind the beginning of the file
+    if not _says_what(features) and any(shapefile.layer_of(feature) for feature in features):
+        return shapefile.plan_of(path, features, "", strict=strict, source="geojson_plan")
     _check_vocabulary(features, path)
     crs = _crs_name(document.crs)
     if any(crs.endswith(number) for number in _MERCATOR_CRS):

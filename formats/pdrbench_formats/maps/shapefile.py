@@ -1,0 +1,158 @@
+"""Shapefiles (needs `pyshp`), and GeoJSON that GIS programs make of drawings: layers say what a shape is.
+
+A layer is the attribute `Layer`, `type`, `category` or the like, else the name of the file: `walls.shp`, `rooms.shp`.
+The level is an attribute as well, or a number in the name: `floor2_walls.shp`; 0 where neither says it. Degrees become
+metres; projected coordinates have the unit that the `.prj` beside them states, as far as doors do not contradict it.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+from pdrbench.errors import MapError
+from pdrbench.io.container import Container
+from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps.builder import BuildingBuilder, finished
+from pdrbench_formats.maps.features import Feature, frame_of, is_degrees, member, name_of, opened, shape_of, to_metres
+from pdrbench_formats.maps.layers import LAYERS, Drawn, add_levels, in_metres, kind_of
+from pdrbench_formats.maps.plan import Plan
+
+MAGIC: Final = b"\0\0\x27\x0a"  # of a .shp, ESRI 1998
+NAMED: Final = ("layer", "type", "category", "class", "kind", "feature")  # attributes, the best first
+LEVELS: Final = ("level", "floor", "storey", "floor_id", "level_id", "z_level")
+_LEVEL_IN_NAME: Final = re.compile(r"(?:floor|level|etage|storey|piso|og)[ _-]*(-?\d+)|(-?\d+)\.?(?:og|etage)", re.I)
+_PRJ_UNIT: Final = re.compile(r'UNIT\["[^"]*",\s*([\d.eE+-]+)')
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a shapefile, or all of a folder or archive.
+
+    Raises:
+        MapError: Names file, layers and remedy.
+    """
+    path = Path(path)
+    container = opened(path)
+    if container.is_file:  # what belongs to it lies beside it
+        container, names = opened(path.absolute().parent), [path.name]
+    else:
+        names = container.names(".shp")
+    features = [feature for name in names for feature in _features(container, name)]
+    projections = {name: _projection(container, name) for name in names}
+    if len(set(projections.values())) > 1:
+        raise MapError(f"{path}: its shapefiles have different projections; export all in one")
+    return plan_of(path, features, next(iter(projections.values()), ""), strict=strict, source="shapefile")
+
+
+def plan_of(path: Path, features: Sequence[Feature], projection: str, *, strict: bool, source: str) -> Plan:
+    """The plan of features that are known by their layers.
+
+    Args:
+        path: Named in errors.
+        features: With a layer and a level among their tags, or in their `kind`.
+        projection: Text of a `.prj`; "" where none is known.
+        strict: As in `BuildingBuilder`.
+        source: Format.
+    """
+    builder, skipped = BuildingBuilder(name_of(path), strict=strict), Counter[str]()
+    levels: dict[int, Drawn] = defaultdict(lambda: {name: [] for name in LAYERS})
+    geo = frame_of(features) if features and _in_degrees(features, projection) else None
+    for feature in features:
+        layer, level = layer_of(feature), _level_of(feature)
+        if not layer:
+            skipped[feature.text("Layer") or feature.kind or feature.shape.geom_type] += 1
+        elif level != int(level):
+            area_m2 = (feature.shape if geo is None else to_metres(feature.shape, geo)).area
+            what = f"{layer} of {area_m2:.1f} m² on level {level:g}, which is no whole level: left out"
+            builder.note("level left out", f"{feature.id}: {what}")
+        else:
+            levels[int(level)][layer] += _parts(feature.shape if geo is None else to_metres(feature.shape, geo))
+    if not any(drawn["wall"] or drawn["room"] for drawn in levels.values()):
+        raise MapError(
+            f"{path}: no layer is named like walls or rooms (layers: {', '.join(sorted(skipped)[:12]) or 'none'}); "
+            f"rename the files or the attribute Layer, for instance walls, doors, rooms"
+        )
+    units = _PRJ_UNIT.findall(projection)
+    stated = 1.0 if geo is not None else float(units[-1]) if units else None
+    drawn = []
+    for level in sorted(levels):
+        builder.add_level(level)
+        drawn.append((level, in_metres(levels[level], "m" if geo is not None else "", stated, builder, level)))
+    add_levels(builder, drawn, path)
+    return finished(builder, source, geo, skipped)
+
+
+def layer_of(feature: Feature) -> str:
+    """What a feature is, by its attributes, else by the name of its file; a key of `LAYERS`, or ""."""
+    tags = {key.lower(): feature.text(key) for key in feature.tags}
+    found = (kind_of(tags[name]) for name in NAMED if tags.get(name))
+    return next(filter(None, found), "") or kind_of(_LEVEL_IN_NAME.sub("", feature.kind))
+
+
+def _level_of(feature: Feature) -> float:
+    tags = {key.lower(): feature.text(key) for key in feature.tags}
+    for text in (tags[name] for name in LEVELS if tags.get(name)):
+        try:
+            return float(text)
+        except ValueError:
+            raise MapError(f"{feature.where}: level is {text!r}; give a number, 0 for the ground") from None
+    named = _LEVEL_IN_NAME.search(feature.kind)
+    return float(named[1] or named[2]) if named else 0.0
+
+
+def _parts(shape: Any) -> list[Any]:
+    """Simple geometries; closed lines are polygons, as programs for drawing export rooms."""
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    return [shapely.Polygon(one.coords) if one.geom_type == "LineString" and one.is_closed else one for one in parts]
+
+
+def _in_degrees(features: Sequence[Feature], projection: str) -> bool:
+    return projection.lstrip().startswith("GEOGCS") or (not projection and is_degrees(features))
+
+
+def _projection(container: Container, name: str) -> str:
+    beside = str(PurePosixPath(name).with_suffix(".prj"))
+    return member(container, beside).decode(errors="replace") if beside in container.sizes else ""
+
+
+def _features(container: Container, name: str) -> Iterator[Feature]:
+    """Shapes with their attributes; a damaged file raises `MapError`."""
+    try:
+        import shapefile
+    except ImportError:
+        raise MapError("reading shapefiles needs pyshp: pip install pdrbench[maps]") from None
+    stem = PurePosixPath(name).stem
+    table = str(PurePosixPath(name).with_suffix(".dbf"))
+    files = {"shp": io.BytesIO(member(container, name))}
+    if table in container.sizes:
+        files["dbf"] = io.BytesIO(member(container, table))
+    try:
+        with shapefile.Reader(**files) as found:
+            rows: Iterable[Mapping[str, Any]] = (
+                (record.as_dict() for record in found.iterRecords()) if "dbf" in files else iter(dict, None)
+            )
+            for number, (shape, tags) in enumerate(zip(found.iterShapes(), rows, strict=False)):
+                where = f"{container.label(name)}: shape {number}"
+                if shape.shapeType != shapefile.NULL:
+                    yield Feature(f"{stem}-{number}", shape_of(shape.__geo_interface__, where), tags, stem, where)
+    except (shapefile.ShapefileException, *DAMAGED) as error:
+        raise MapError(f"{container.label(name)}: the shapefile is damaged ({error}); export it again") from error
+
+
+DAMAGED: Final = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OSError, EOFError)
+
+
+def sniff(head: Head) -> bool:
+    """True for a shapefile, and for a folder or archive with some."""
+    if head.container is not None:
+        return any(head.peek(name).startswith(MAGIC) for name in head.members(".shp")[:3])
+    return head.content.startswith(MAGIC)
+
+
+READER: Final = Reader(read, sniff)
