@@ -163,11 +163,6 @@ def _count(shape: Any) -> int:
     return int(shapely.get_num_coordinates(shape))
 
 
-def shape_of(geometry: Mapping[str, Any], where: str) -> Any:
-    """A shapely geometry in the plane of one as GeoJSON has it, with tuples or lists."""
-    return _shape(msgspec.to_builtins(geometry), where)[0]
-
-
 def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
     """A shapely geometry, and whether it had a third coordinate."""
     import shapely
@@ -186,7 +181,7 @@ def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
 
     def convert(value: Any, depth: int) -> Any:
         nonlocal dropped
-        if not isinstance(value, (list, tuple)):
+        if not isinstance(value, list):
             raise MapError(f"{where}: coordinates of a {kind} are nested wrongly; export the plan again")
         if depth:
             return [convert(part, depth - 1) for part in value]

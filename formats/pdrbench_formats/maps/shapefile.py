@@ -7,18 +7,22 @@ metres; projected coordinates have the unit that the `.prj` beside them states, 
 
 from __future__ import annotations
 
+import functools
 import io
 import re
+import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
+import numpy as np
+
 from pdrbench.errors import MapError
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import Feature, frame_of, is_degrees, member, name_of, opened, shape_of, to_metres
+from pdrbench_formats.maps.features import Feature, frame_of, is_degrees, member, name_of, opened, to_metres
 from pdrbench_formats.maps.layers import LAYERS, Drawn, add_levels, in_metres, kind_of
 from pdrbench_formats.maps.plan import Plan
 
@@ -139,13 +143,33 @@ def _features(container: Container, name: str) -> Iterator[Feature]:
             )
             for number, (shape, tags) in enumerate(zip(found.iterShapes(), rows, strict=False)):
                 where = f"{container.label(name)}: shape {number}"
-                if shape.shapeType != shapefile.NULL:
-                    yield Feature(f"{stem}-{number}", shape_of(shape.__geo_interface__, where), tags, stem, where)
+                made = _geometry(shape)
+                if not made.is_empty:
+                    yield Feature(f"{stem}-{number}", made, tags, stem, where)
     except (shapefile.ShapefileException, *DAMAGED) as error:
         raise MapError(f"{container.label(name)}: the shapefile is damaged ({error}); export it again") from error
 
 
-DAMAGED: Final = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OSError, EOFError)
+def _geometry(shape: Any) -> Any:
+    """A shapely geometry in the plane; rings count by where they lie, not by the way round that they are drawn."""
+    import shapely
+
+    ends = [*list(getattr(shape, "parts", []))[1:], len(shape.points)]
+    parts = [np.array(part)[:, :2] for part in np.split(np.array(shape.points), ends[:-1]) if len(part)]
+    if not np.isfinite(np.concatenate(parts or [np.zeros((0, 2))])).all():
+        raise ValueError("a coordinate is not finite")
+    if "POLYGON" in shape.shapeTypeName:
+        rings = [shapely.make_valid(shapely.Polygon(part)) for part in parts if len(part) > 3]
+        return functools.reduce(shapely.symmetric_difference, rings, shapely.Polygon())
+    if "POINT" in shape.shapeTypeName:
+        return shapely.MultiPoint(np.concatenate(parts)) if parts else shapely.Point()
+    return shapely.MultiLineString([part for part in parts if len(part) > 1])
+
+
+DAMAGED: Final = (  # what the library raises of bad files
+    *(ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OSError, EOFError),
+    *(OverflowError, struct.error),
+)
 
 
 def sniff(head: Head) -> bool:
