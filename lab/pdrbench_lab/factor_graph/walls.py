@@ -15,9 +15,9 @@ from pdrbench.building import Building
 from pdrbench.building.polygons import WALL
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench_baselines.viterbi_map.lattice import lattice_of
 from pdrbench_lab.factor_graph.chain import STATE, neighbours
 from pdrbench_lab.factor_graph.graph import Factor, Loss, Terms
+from pdrbench_lab.factor_graph.lattice import lattice_of
 
 AROUND_M: Final = 10.0  # of the lattice around the floor; beyond it the cost does not rise
 STAIRS_M: Final = 1.5  # so near to stairs is a second that leads to another level: its way, and half a metre

@@ -1,1 +1,0 @@
-"""The likeliest path through a map: a hidden Markov model over places, lengths of steps and heading errors."""
