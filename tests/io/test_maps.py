@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from plan_samples import (
     dxf,
     feature,
     house,
+    imdf,
     indoorgml,
     osm,
     osm_elements,
@@ -352,6 +354,43 @@ def test_a_room_on_half_a_level_is_listed(tmp_path: Path) -> None:
     path.write_text(room)
     (found,) = [repair for repair in read_plan(path).repairs if repair.kind == "level left out"]
     assert "m² on level 0.5" in found.what
+
+
+def test_half_levels_and_ramps_are_listed(tmp_path: Path) -> None:
+    """A level of IMDF between two, and a corridor of OpenStreetMap that leads up without steps."""
+    with zipfile.ZipFile(imdf(tmp_path)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    units, levels = (json.loads(members[f"{name}.geojson"]) for name in ("unit", "level"))
+    levels["features"].append({**levels["features"][0], "id": "mezzanine", "properties": {"ordinal": 0.5}})
+    units["features"].append({**units["features"][0], "id": "gallery", "properties": {"level_id": "mezzanine"}})
+    folder = tmp_path / "venue"
+    folder.mkdir()
+    for name, content in members.items():
+        (folder / name).write_bytes(content)
+    written(folder / "unit.geojson", units)
+    written(folder / "level.geojson", levels)
+    plan = read_plan(folder)
+    assert is_whole(plan)
+    assert "gallery:  of 20.0 m² on level 0.5" in "".join(r.what for r in plan.repairs if r.kind == "level left out")
+    text = osm(tmp_path).read_text()
+    path = written_text(tmp_path / "ramp.osm", text.replace('k="stairs" v="yes"', 'k="ramp" v="yes"'))
+    plan = read_plan(path)
+    assert "straight flight" in next(repair.what for repair in plan.repairs if repair.kind == "ramp")
+    assert is_whole(plan)
+
+
+@pytest.mark.parametrize(
+    ("per_pixel", "unit", "notes"), [(20.0, "mm", 0), (20.0, "", 1), (2.0, "", 1), (0.02 / 0.3048, "ft", 0)]
+)
+def test_a_picture_in_other_units(tmp_path: Path, per_pixel: float, unit: str, notes: int) -> None:
+    pytest.importorskip("skimage")
+    path = drawn(tmp_path)
+    (tmp_path / "plan.toml").write_text(
+        f'unit = "{unit}"\n[[level]]\nimage = "plan.png"\nmetres_per_pixel = {per_pixel}\n'
+    )
+    plan = read_plan(path)
+    assert plan.building.bounds_m()[2] == pytest.approx(10.55, rel=0.02)
+    assert sum(repair.kind == "units doubtful" for repair in plan.repairs) == notes
 
 
 def drawn(folder: Path, *, light: str = "white", dark: str = "black", has_gap: bool = False, text: str = "") -> Path:

@@ -11,13 +11,20 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.errors import MapError
+from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, opened, read_features, to_metres
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
-CONNECTIONS: Final = {"stairs": "stairs", "steps": "stairs", "escalator": "escalator", "elevator": "lift"}
+CONNECTIONS: Final = {
+    "stairs": "stairs",
+    "steps": "stairs",
+    "escalator": "escalator",
+    "elevator": "lift",
+    "ramp": "escalator",
+}
 BARRIERS: Final = frozenset(
     {"brick", "column", "concretewall", "drywall", "glass", "wood", "structure", "opentobelow", "vegetation", "void"}
 )
@@ -28,12 +35,12 @@ OPEN: Final = frozenset(
         "unenclosedarea",
         "footbridge",
         "movingwalkway",
-        "ramp",
         "platform",
         "lobby",
         "unspecified",
     }
 )
+MAX_ORDINAL: Final = 200  # no building has more levels
 SOLID_FIXTURES: Final = frozenset({"wall", "obstruction", "water", "vegetation"})
 _UNUSED: Final = ("amenity", "anchor", "occupant", "detail", "geofence", "section", "kiosk", "relationship", "address")
 
@@ -57,17 +64,19 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     everything = [*parts["level"], *parts["unit"], *parts["opening"]]
     check_degrees(everything, path)
     geo = frame_of(everything)
-    ordinals: dict[str, int] = {}
+    ordinals: dict[str, float] = {}
     for level in parts["level"]:
         ordinal = level.tags.get("ordinal")
-        if isinstance(ordinal, bool) or not isinstance(ordinal, (int, float)) or ordinal != int(ordinal):
-            raise MapError(f"{level.where}: ordinal is {ordinal!r}; a level needs a whole number, 0 for the ground")
-        ordinals[level.id] = int(ordinal)
+        if isinstance(ordinal, bool) or not isinstance(ordinal, (int, float)) or not abs(ordinal) < MAX_ORDINAL:
+            raise MapError(f"{level.where}: ordinal is {ordinal!r}; a level needs a number, 0 for the ground")
+        ordinals[level.id] = ordinal
     builder = BuildingBuilder(_name(parts["building"]) or Path(path).stem, strict=strict)
     for what in mended:
         builder.note("geometry", what)
-    for ordinal in sorted(set(ordinals.values())):
+    for ordinal in sorted({int(one) for one in ordinals.values() if one == int(one)}):
         builder.add_level(ordinal)
+    for kind in ("unit", "opening", "fixture"):
+        parts[kind] = _on_whole_levels(parts[kind], ordinals, geo, builder)
     outlines: list[Outline] = []
     for unit in parts["unit"]:
         category, shape, number = unit.text("category").lower(), to_metres(unit.shape, geo), _level(unit, ordinals)
@@ -89,11 +98,26 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     return finished(builder, "imdf", geo, skipped)
 
 
-def _level(feature: Feature, ordinals: dict[str, int]) -> int:
+def _on_whole_levels(
+    features: list[Feature], ordinals: dict[str, float], geo: GeoFrame, builder: BuildingBuilder
+) -> list[Feature]:
+    """The features but those of half levels, as mezzanines are, which are listed."""
+    kept = []
+    for feature in features:
+        ordinal = ordinals.get(feature.text("level_id"), 0)
+        if ordinal == int(ordinal):
+            kept.append(feature)
+        else:
+            what = f"{feature.text('category')} of {to_metres(feature.shape, geo).area:.1f} m² on level {ordinal:g}"
+            builder.note("level left out", f"{feature.id}: {what}, which is no whole level: left out")
+    return kept
+
+
+def _level(feature: Feature, ordinals: dict[str, float]) -> int:
     id = feature.text("level_id")
     if id not in ordinals:
         raise MapError(f"{feature.where}: level_id {id!r} is no level of level.geojson; export the venue again")
-    return ordinals[id]
+    return int(ordinals[id])
 
 
 def _name(features: list[Feature]) -> str:

@@ -43,6 +43,7 @@ POSSIBLE_M: Final = (2.0, 1800.0)
 DOOR_M: Final = (0.6, 1.5)  # widths of doors, DIN 18100 and of double leaves
 DOUBLE_DOOR_M: Final = 3.0
 TREAD_M: Final = (0.22, 0.36)  # depth of treads, DIN 18065
+MAX_PASSAGE_M: Final = 10.0  # between two parts of a hall
 MIN_TREADS: Final = 4  # parallel lines that are a flight
 MIN_LIKELIER: Final = 1.25  # a unit is chosen over another that fits as well by so much
 CLOSE_M: Final = 1.3  # half of a gap in the outer walls that is closed to find the floor
@@ -137,9 +138,19 @@ def _judged(shapes: Drawn, stated: float | None, builder: BuildingBuilder, level
 
 
 def scale_of(
-    size: float, parts: Sequence[tuple[str, float]], stated: float | None, builder: BuildingBuilder, level: int
+    size: float,
+    parts: Sequence[tuple[str, float]],
+    stated: float | None,
+    builder: BuildingBuilder,
+    level: int,
+    *,
+    keeps_possible: bool = False,
 ) -> float:
-    """Metres for one unit, by the longer side of a plan and the widths of its doors and treads in that unit."""
+    """Metres for one unit, by the longer side of a plan and the widths of its doors and treads in that unit.
+
+    With `keeps_possible` a stated unit in which the plan can be so large, and what may be a door may be a passage, is
+    kept, and doubt is only noted.
+    """
 
     def seen(scale: float) -> str:
         of_parts = "".join(f", a {name} {length * scale:.3g} m" for name, length in parts)
@@ -161,7 +172,10 @@ def scale_of(
     if theirs < ours + np.log(MIN_LIKELIER):
         return stated
     doors_m = [length * stated for name, length in parts if name == "door"]
-    chosen = stated if theirs < np.inf and doors_m and DOOR_M[0] <= doors_m[0] <= DOOR_M[1] else UNITS[likely]
+    is_kept = keeps_possible and is_possible and all(length * stated <= MAX_PASSAGE_M for _, length in parts)
+    chosen = (
+        stated if is_kept or (theirs < np.inf and doors_m and DOOR_M[0] <= doors_m[0] <= DOOR_M[1]) else UNITS[likely]
+    )
     builder.note(
         "units doubtful",
         f"by the unit that it states the plan is {seen(stated)}; in {likely} it would be {seen(UNITS[likely])}, "

@@ -43,6 +43,7 @@ ON_WALL_DEG: Final = 1e-6  # of a door from the outline that it is in: a tenth o
 MAX_LEVELS: Final = 200
 LIFT_M: Final = 1.6  # side of the cabin of a lift that is drawn as a point
 WIDTHS_M: Final = {"stairs": 2.0, "escalator": 1.0, "lift": 1.6}  # of connections drawn as lines without a width
+RAMPS: Final = {"floor": "read as floor without a slope", "escalator": "read as a straight flight of low steps"}
 _PBF: Final = b"OSMHeader"
 _RANGE: Final = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
 
@@ -160,7 +161,13 @@ def _area_kind(feature: Feature) -> str:
     is_stair = is_area and (tags.get("stairs") == "yes" or "stairs" in (tags.get("room"), tags.get("indoor")))
     if is_stair or tags.get("highway") == "steps":
         return "escalator" if tags.get("conveying") not in (None, "no") else "stairs"
+    if _is_ramp(tags) and len(_levels(feature, tags)) > 1:
+        return "escalator"  # straight, from end to end
     return "floor" if is_area and tags.get("indoor") in WALKED - {"yes"} else ""
+
+
+def _is_ramp(tags: Mapping[str, Any]) -> bool:
+    return "ramp" in (tags.get("room"), tags.get("indoor")) or tags.get("ramp") == "yes" != tags.get("stairs")
 
 
 def _outlined(shape: Any, kind: str, width_m: float | None) -> Any:
@@ -187,6 +194,8 @@ def _add(
             builder.note("level left out", f"{feature.id}: {what}")
         skipped["without a whole level that has floor"] += 1
         return []
+    if area and _is_ramp(tags):
+        builder.note("ramp", f"{feature.id}: ramp of {shape.area:.1f} m² {RAMPS[area]}", levels[0])
     if area == "floor":
         for level in levels:
             builder.add_walkable(

@@ -27,6 +27,7 @@ from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import beside, member, opened, toml_table
+from pdrbench_formats.maps.layers import UNITS, Unit, scale_of
 from pdrbench_formats.maps.plan import Plan
 
 MAX_PIXELS: Final = 64_000_000
@@ -40,6 +41,9 @@ CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan,
 SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
 MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
+NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
+NECK_RADII: Final = 32
+MIN_DEPTH: Final = 1.5  # of a room, in widths of its door
 _NEEDS: Final = "reading pictures needs scikit-image: pip install pdrbench[maps]"
 
 
@@ -57,6 +61,7 @@ class Picture(msgspec.Struct, forbid_unknown_fields=True):
 class _Plan(msgspec.Struct, forbid_unknown_fields=True):
     level: list[Picture]
     name: str = ""
+    unit: Unit = ""
 
 
 def read(path: Path | str, *, strict: bool = False) -> Plan:
@@ -77,11 +82,16 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     plan: _Plan = toml_table(table, _Plan, "it needs [[level]] with image and metres_per_pixel")
     builder = BuildingBuilder(plan.name or table.stem, strict=strict)
     for picture in plan.level:
-        if not 1e-4 < picture.metres_per_pixel < 10:
-            raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected 0.0001 to 10")
+        if not 0.0 < picture.metres_per_pixel < np.inf:
+            raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected more than 0")
         place = beside(table, picture.image)
         grey = _grey(place)
         builder.add_level(picture.level, height_m=picture.height_m)
+        picture = _in_metres(picture, grey, plan.unit, builder)
+        if not 1e-4 < picture.metres_per_pixel < 10:
+            raise MapError(
+                f"{table}: a pixel is {picture.metres_per_pixel:g} m; expected 0.0001 to 10 m, or name a unit"
+            )
         free = _inside(grey, builder, picture, place)
         origin = _Origin(picture.metres_per_pixel, np.array(picture.origin_m))
         _add_free(builder, free, picture.level, origin, place)
@@ -110,6 +120,39 @@ def _grey(path: Path) -> FloatArray:
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise MapError(f"{path}: no picture that can be read ({error}); save it as PNG") from error
     return grey
+
+
+def _in_metres(picture: Picture, grey: FloatArray, unit: Unit, builder: BuildingBuilder) -> Picture:
+    """The table of a picture in metres: in the unit that is named, else in one in which the plan can be so large."""
+    bright = grey > (DARK if picture.dark is None else picture.dark)
+    bright = ~bright if bright.mean() < MIN_BRIGHT else bright
+    per_pixel = picture.metres_per_pixel
+    rows, columns = np.nonzero(~bright)
+    if unit or not len(rows):
+        scale = UNITS[unit or "m"]
+    else:
+        width = _neck(bright) * per_pixel
+        parts = [("door", width)] if width else []
+        size = float(max(np.ptp(rows), np.ptp(columns)) + 1) * per_pixel
+        scale = scale_of(size, parts, 1.0, builder, picture.level, keeps_possible=True)
+    x, y = picture.origin_m
+    return msgspec.structs.replace(picture, metres_per_pixel=per_pixel * scale, origin_m=(x * scale, y * scale))
+
+
+def _neck(bright: BoolArray) -> float:
+    """Width in pixels at which most bright parts come apart, as rooms do at their doors; 0 where none do."""
+    from scipy import ndimage
+
+    step = int(np.ceil(np.sqrt(bright.size / NECK_PIXELS)))
+    half = ndimage.distance_transform_edt(bright[::step, ::step])
+    radii = np.geomspace(1.0, max(float(half.max()) / 2.0, 2.0), NECK_RADII)
+    counts = []
+    for radius in radii:
+        labels, num = ndimage.label(half > radius)
+        deepest = ndimage.maximum(half, labels, np.arange(1, num + 1)) if num else np.zeros(0)
+        counts.append(int((np.asarray(deepest) > MIN_DEPTH * radius).sum()))  # a room is wider than its door
+    more = np.diff(counts)
+    return 2.0 * float(radii[1 + int(more.argmax())]) * step if more.max() > 0 else 0.0
 
 
 def _skimage() -> Any:

@@ -66,7 +66,7 @@ def join_stacks(builder: BuildingBuilder, outlines: Sequence[Outline]) -> None:
         if outline.is_opening:
             builder.add_wall(outline.shape, outline.level)
         else:
-            what = f"{outline.kind} {outline.name!r} is above or below no other: left as floor"
+            what = f"{outline.kind} {outline.name!r} of {outline.shape.area:.1f} m² is above or below no other: floor"
             builder.note("stairs not joined" if outline.kind != "lift" else "lift not joined", what, outline.level)
             builder.add_walkable(
                 outline.shape, outline.level, id=f"{outline.kind}-{outline.name}", walled=outline.is_walled
