@@ -27,10 +27,6 @@ PRIVATE: Final = "private"  # recordings whose truth nobody has but the host
 Count = Annotated[int, msgspec.Meta(ge=1)]
 
 
-class OtherSecretError(BundleError):
-    """A secret that is not the one of a round."""
-
-
 class BoardEnvironment(Record, frozen=True, kw_only=True):
     """What a board takes of one environment."""
 
@@ -127,14 +123,14 @@ class Round(Record, frozen=True, kw_only=True):
         """The secret: the published one, or that which is given, or that which follows from a master secret.
 
         Raises:
-            OtherSecretError: None is given, or another.
+            BundleError: None is given, or another.
         """
         if given is not None and commitment(given) != self.sha256:
             given = round_secret(given, self.number)
         if given is None and not self.secret:
-            raise OtherSecretError(f"the secret of round {self.number} is not published: name its file with --secret")
+            raise BundleError(f"the secret of round {self.number} is not published: name its file with --secret")
         if given is not None and commitment(given) != self.sha256:
-            raise OtherSecretError(f"this is not the secret of round {self.number}: its sha256 differs")
+            raise BundleError(f"this is not the secret of round {self.number}: its sha256 differs")
         return given or self.secret
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.errors import DatasetError, PdrbenchError
+from pdrbench.errors import BundleError, DatasetError, PdrbenchError
 from pdrbench.evaluation import answers
+from pdrbench.geometry import FloatArray
 from pdrbench.registry import make_task
 from pdrbench_leaderboard import table
 from pdrbench_leaderboard.boards import PRIVATE, Board, find_round
@@ -27,10 +29,12 @@ from pdrbench_leaderboard.record import (
 )
 from pdrbench_leaderboard.schema import Finding
 from pdrbench_leaderboard.score import METRICS, walk_values
-from pdrbench_leaderboard.standings import Entry, Table, read_tables
+from pdrbench_leaderboard.standings import RANKING, Entry, Table, read_tables
 
 SAMPLED: Final = 2  # walks of each part whose scores are computed again
 SAME: Final = 0.01  # difference of a score that two machines may have
+ALIKE: Final = 0.95  # fraction of walks on which it may not be larger
+MIN_SCORE_M: Final = 1e-3  # nobody is nearer than the reference is
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,46 @@ def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Fi
     for of in walks.values():
         yield from _scores(board, entries, of, sampled)
     yield _table(root, board)
+
+
+def compare_entries(one: Path, other: Path) -> list[Finding]:
+    """Whether two runs of a localizer on the same walks agree by score, wherever they were; bytes do not count.
+
+    A part agrees where the scores of `ALIKE` of its walks do, to `SAME`, and the mean logarithm of the first lies
+    within the 95 % interval of that of the second.
+
+    Args:
+        one: Folder of an entry.
+        other: Likewise, of another run.
+
+    Raises:
+        BundleError: One is no entry, or they have no part in common.
+    """
+    found = []
+    records = [read_entry(folder)[0] for folder in (one, other)]
+    for mine, theirs in itertools.product(*(record.parts for record in records)):
+        if (mine.place, mine.walks_sha256) != (theirs.place, theirs.walks_sha256):
+            continue
+        for first, second in itertools.product(mine.divisions, theirs.divisions):
+            if first.division == second.division:
+                why = _disagree(*(np.maximum(numbers(of.values[RANKING]), MIN_SCORE_M) for of in (first, second)))
+                found.append(Finding(f"{mine.env}, {mine.part}, {first.division}", not why, why))
+    if not found:
+        raise BundleError(f"{one} and {other} have not played the same walks: draw both from the same round and secret")
+    return found
+
+
+def _disagree(mine_m: FloatArray, theirs_m: FloatArray) -> str:
+    """Why (W,) scores of walks of two runs do not agree; empty where they do."""
+    alike = np.isclose(mine_m, theirs_m, rtol=SAME, atol=0.0, equal_nan=True)
+    logs, others = (np.log(of[np.isfinite(mine_m) & np.isfinite(theirs_m)]) for of in (mine_m, theirs_m))
+    width = 1.96 * others.std(ddof=1) / np.sqrt(len(others)) if len(others) > 1 else 0.0
+    is_near = not len(logs) or abs(logs.mean() - others.mean()) <= max(width, SAME)
+    if alike.mean() >= ALIKE and is_near:
+        return ""
+    return (
+        f"{alike.sum()} of {len(alike)} walks agree; the mean is {np.exp((logs - others).mean()):.3f} times the other"
+    )
 
 
 def _whole(board: Board, entry: Entry, walks: Collection[PartWalks]) -> Finding:

@@ -13,6 +13,7 @@ from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import BundleError, ResultError
 from pdrbench_leaderboard import rounds_command
 from pdrbench_leaderboard.steps_command import ROOT, Root, add_step_commands
+from pdrbench_leaderboard.submit_command import tell_findings
 
 if TYPE_CHECKING:
     from http.server import ThreadingHTTPServer
@@ -85,6 +86,20 @@ def check(root: Root = ROOT, as_json: AsJson = False) -> None:
         say(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")
     if not all(found.passed for found in checks):
         raise typer.Exit(1)
+
+
+@app.command("compare")
+def compare(
+    one: Annotated[Path, typer.Argument(metavar="DIR", file_okay=False, help="<root>/<board>/<entry> of one run.")],
+    other: Annotated[Path, typer.Argument(metavar="DIR", file_okay=False, help="That of another run.")],
+    as_json: AsJson = False,
+) -> None:
+    """Compare two runs of an entry, its sender's and a maintainer's, by their scores; exit 1 where they differ."""
+    with answer_only(as_json):
+        from pdrbench_leaderboard.checking import compare_entries
+
+        findings = compare_entries(one, other)
+    tell_findings(findings, as_json=as_json)
 
 
 @app.command("release")

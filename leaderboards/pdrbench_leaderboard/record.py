@@ -298,7 +298,7 @@ class Verification(Record, frozen=True, kw_only=True):
 
 
 def sign_entry(folder: Path, key: Path) -> None:
-    """Signs an entry; raises `PrivateKeyError`."""
+    """Signs an entry; raises `BundleError`."""
     content = read_limited(folder / ENTRY_FILE, MAX_FILE_BYTES)
     record = read_json(content, EntryRecord, str(folder))
     found = Verification(

@@ -100,11 +100,3 @@ def has_to_wait(root: Path, number: int, card: Card, sha256: str) -> bool:
     make_folder(root)
     write_whole(root / SUBMISSIONS_FILE, write_json((*known, one)))
     return False
-
-
-def lost_master() -> str:
-    """What a lost master secret costs."""
-    return (
-        "keep the master secret with two people: without it no entry can be played in an open round, and its walks "
-        "cannot be published; what is verified keeps its rank"
-    )

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from importlib.resources import files as package_files
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from pdrbench.cli.output import note, say
 from pdrbench_leaderboard.boards import BOARDS_FILE, find_round, read_secret, rounds
-from pdrbench_leaderboard.rounds import begin_round, end_round, lost_master
+from pdrbench_leaderboard.rounds import begin_round, end_round
 
+LOST_MASTER: Final = (
+    "keep the master secret with two people: without it no entry can be played in an open round, and its walks "
+    "cannot be published; what is verified keeps its rank"
+)
 app = typer.Typer(no_args_is_help=True, help="For maintainers: rounds of held-out walks.")
 
 Master = Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Master secret, of all rounds.")]
@@ -29,7 +33,7 @@ def new(master: Master, file: File = None) -> None:
     """Begin the next round: its number, and what is published of its secret, before there are submissions."""
     number, digest = begin_round(_place(file), list(rounds()), read_secret(master))
     say(f"round {number}: {digest}")
-    note(lost_master())
+    note(LOST_MASTER)
 
 
 @app.command("end")

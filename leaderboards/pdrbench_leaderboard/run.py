@@ -29,12 +29,14 @@ from pdrbench_leaderboard.folders import Supplies
 from pdrbench_leaderboard.play import answers_folder, play, read_played
 from pdrbench_leaderboard.record import (
     ENTRY_FILE,
+    SIGNATURE_FILE,
     PartRecord,
     PartWalks,
     all_walks,
     answers_of,
     folder_name,
     held,
+    is_verified,
     list_entries,
     part_record,
     part_walks,
@@ -52,6 +54,7 @@ from pdrbench_leaderboard.submission import find_card, unpack_bundle
 DISTRIBUTION: Final = "pdrbench"  # whose localizers are entries of every board that they suit
 ANSWERS: Final = "answers"  # below the folder of a round
 CONFINED_MODE: Final = "landlock+namespaces+seccomp"  # of a localizer that was confined
+WRITTEN: Final = "written"  # likewise: digests of entries
 SENT: Final = "sent"  # likewise: bundles, unpacked
 SOURCE_FILE, SOURCE_FOLDER = "localizer.py", "localizer"  # that lie with an entry
 SOURCE_CLASS: Final = "Localizer"  # of such a file, where no record says another
@@ -144,6 +147,13 @@ class Settings:
                 raise BundleError(f"{entrant.card.name} is not registered here: it is played confined beside a secret")
             find_launcher(CONFINED).check(entrant.spec, localizer_target(entrant.spec))
 
+    def why_later(self, entrant: Entrant) -> str:
+        """Why an entry is not played in this round, which is noted else; empty where it is."""
+        is_free = entrant.is_registered or bool(self.round.secret)
+        if is_free or not has_to_wait(self.root, self.round.number, entrant.card, entrant.sha256):
+            return ""
+        return f"{entrant.card.name} waits for the next round: its authors have submitted {MAX_SUBMISSIONS} times"
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -230,12 +240,10 @@ def run(
     for board in boards:
         wanted = []
         for one in wanted_on[board.name]:
-            is_free = one.is_registered or bool(settings.round.secret)
-            if is_free or not has_to_wait(settings.root, settings.round.number, one.card, one.sha256):
+            if why := settings.why_later(one):
+                yield Outcome(board.name, "every environment", "held-out", why=why)
+            else:
                 wanted.append(one)
-                continue
-            why = f"{one.card.name} waits for the next round: its authors have submitted {MAX_SUBMISSIONS} times"
-            yield Outcome(board.name, "every environment", "held-out", why=why)
         for each in board.environments:
             listed = each.first(settings.walks)
             for part in listed.parts:
@@ -271,10 +279,13 @@ def score_all(boards: Sequence[Board], entrant: Entrant, answers: Path, settings
         settings: How; `work` holds what was drawn.
 
     Raises:
-        BundleError: The answers are no answers to these walks, or nobody knows whose they are.
+        BundleError: The answers are no answers to these walks, nobody knows whose they are, or their authors have
+            submitted too often.
     """
     if settings.key is not None:
         check_listed(settings.key, settings.root)
+    if why := settings.why_later(entrant):
+        raise BundleError(why)
     for board in boards:
         for listed in board.environments:
             for part in settings.parts:
@@ -311,7 +322,7 @@ def _run_part(
             write_walks(folder, known)
         else:
             known = None
-    todo = [one for one in wanted if not _is_done(folder, one, known)]
+    todo = [one for one in wanted if not _is_done(folder, one, known, settings)]
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
         return Outcome(board.name, listed.env, part, kept=kept)
@@ -386,7 +397,7 @@ def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRec
     """Adds a part to an entry, in place of what it had there, and signs it."""
     folder = settings.root / board / folder_name(entrant.card.name)
     parts = [part]
-    if (folder / ENTRY_FILE).is_file():
+    if (folder / ENTRY_FILE).is_file() and _is_ours(folder, settings):
         record, _ = read_entry(folder)
         content = read_answers(folder)
         ranking = {of.sha256 for drawn in all_walks(folder.parent).values() for of in drawn} - {part[0].walks_sha256}
@@ -396,9 +407,28 @@ def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRec
     write_entry(settings.root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
     if source is not None:
         write_whole(folder / SOURCE_FILE, source)
-    record, _ = read_entry(folder)
-    if settings.key is not None and not held(record):
+    write_whole(_written(folder, settings), _sha256(folder).encode())
+    if settings.key is not None and not held(read_entry(folder)[0]):
         sign_entry(folder, settings.key)
+
+
+def _is_ours(folder: Path, settings: Settings) -> bool:
+    """Whether an entry is signed, or was written here: a key never signs a part that a stranger's record holds."""
+    if settings.key is None:
+        return True
+    if (folder / SIGNATURE_FILE).is_file():
+        return is_verified(folder, read_entry(folder)[0])
+    path = _written(folder, settings)
+    return path.is_file() and path.read_text(encoding="ascii") == _sha256(folder)
+
+
+def _written(folder: Path, settings: Settings) -> Path:
+    """Where the digest of an entry is kept that was written here."""
+    return make_folder(settings.work / WRITTEN) / f"{folder.parent.name}-{folder.name}"
+
+
+def _sha256(folder: Path) -> str:
+    return hashlib.sha256((folder / ENTRY_FILE).read_bytes()).hexdigest()
 
 
 def newest(folder: Path, place: tuple[str, Part]) -> PartWalks | None:
@@ -407,14 +437,14 @@ def newest(folder: Path, place: tuple[str, Part]) -> PartWalks | None:
     return drawn[-1] if drawn else None
 
 
-def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None) -> bool:
+def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, settings: Settings) -> bool:
     """Whether the same code has played these walks."""
     place = folder / folder_name(entrant.card.name)
     if known is None:
         return False
     if known.declined.get(entrant.card.name) == entrant.sha256:
         return True
-    if not (place / ENTRY_FILE).is_file():
+    if not (place / ENTRY_FILE).is_file() or not _is_ours(place, settings):
         return False
     record, _ = read_entry(place)
     mine = [of for of in record.parts if (of.place, of.walks_sha256) == ((known.env, known.part), known.sha256)]

@@ -28,26 +28,6 @@ MAX_BODY_CHARACTERS: Final = 16_000_000
 HexKey = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 
 
-class MissingSignatureError(BundleError):
-    """A verification that no maintainer has signed."""
-
-
-class UnknownKeyError(BundleError):
-    """A verification that was signed with a key which `keys.toml` does not list."""
-
-
-class RevokedKeyError(BundleError):
-    """A verification that was signed with a key which is not trusted any more."""
-
-
-class DamagedSignatureError(BundleError):
-    """A signature of another text: the verification was changed, or another key signed it."""
-
-
-class PrivateKeyError(BundleError):
-    """A private key that cannot be used, or that others can read."""
-
-
 class PublicKey(Record, frozen=True, kw_only=True, rename={"since": "from"}):
     """One table of `keys.toml`."""
 
@@ -82,35 +62,31 @@ def signed_text(content: bytes, keys: Keys, what: str) -> tuple[str, PublicKey]:
     """The text of a signed file, and the key that signed it.
 
     Raises:
-        MissingSignatureError: It has no signature.
-        UnknownKeyError: Its key is not listed.
-        RevokedKeyError: Its key was revoked.
-        DamagedSignatureError: The signature is of another text.
-        BundleError: It is no signed file.
+        BundleError: It is no signed file, its key is not listed or was revoked, or the signature is of another text.
     """
     from cryptography.exceptions import InvalidSignature
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
     signed = read_json(content, Signed, what)
     if not signed.key or not signed.signature:
-        raise MissingSignatureError(f"{what} is not signed: `pdrbench leaderboard run --key FILE` signs what it plays")
+        raise BundleError(f"{what} is not signed: `pdrbench leaderboard run --key FILE` signs what it plays")
     key = keys.get(signed.key)
     if key is None:
-        raise UnknownKeyError(f"{what} is signed with the key {signed.key!r}, which {KEYS_FILE} does not list")
+        raise BundleError(f"{what} is signed with the key {signed.key!r}, which {KEYS_FILE} does not list")
     if key.revoked is not None:
-        raise RevokedKeyError(
+        raise BundleError(
             f"{what} is signed with the key {signed.key!r}, revoked on {key.revoked}: the entry is to be played anew"
         )
     try:
         public = Ed25519PublicKey.from_public_bytes(bytes.fromhex(key.public))
         public.verify(bytes.fromhex(signed.signature), CONTEXT + signed.body.encode())
     except (InvalidSignature, ValueError):  # a surrogate in the text has no bytes
-        raise DamagedSignatureError(f"{what}: the signature is not of this text by the key {signed.key!r}") from None
+        raise BundleError(f"{what}: the signature is not of this text by the key {signed.key!r}") from None
     return signed.body, key
 
 
 def sign(record: msgspec.Struct, key: Path) -> bytes:
-    """A signed file that holds a record; raises `PrivateKeyError`."""
+    """A signed file that holds a record; raises `BundleError`."""
     private = _private(key)
     body = write_json(record).decode()
     signature = private.sign(CONTEXT + body.encode()).hex()
@@ -142,23 +118,15 @@ def key_table(path: Path, owner: str, today: datetime.date) -> str:
     return f'[{_id(public)}]\npublic = "{public}"\nowner = {quoted}\nfrom = {today}\n'
 
 
-def key_id(path: Path) -> str:
-    """The id of a private key in `keys.toml`; raises `PrivateKeyError`."""
-    return _id(_public_hex(_private(path)))
-
-
-def check_listed(path: Path, root: Path | None) -> None:
+def check_listed(path: Path, root: Path) -> None:
     """Raises where a private key cannot be used, or where a folder of leaderboards does not list it.
 
     Raises:
-        PrivateKeyError: It cannot be read, or others can read it.
-        UnknownKeyError: The keys of the folder do not list it.
+        BundleError: It cannot be read, others can read it, or the keys of the folder do not list it.
     """
-    name = key_id(path)
-    if root is not None and name not in read_keys(root):
-        raise UnknownKeyError(
-            f"{root / KEYS_FILE} does not list {name}, the key in {path}: what it signs would be refused"
-        )
+    name = _id(_public_hex(_private(path)))
+    if name not in read_keys(root):
+        raise BundleError(f"{root / KEYS_FILE} does not list {name}, the key in {path}: what it signs would be refused")
 
 
 def _id(public: str) -> str:
@@ -176,12 +144,12 @@ def _private(path: Path) -> Any:
         mode = path.stat().st_mode
         text = path.read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise PrivateKeyError(f"cannot read the private key in {path}: {type(error).__name__}") from None
+        raise BundleError(f"cannot read the private key in {path}: {type(error).__name__}") from None
     if os.name != "nt" and mode & (stat.S_IRWXG | stat.S_IRWXO):  # Windows has no such modes
-        raise PrivateKeyError(f"{path} can be read by others: chmod 600 {path}, or make a new key if anybody has")
+        raise BundleError(f"{path} can be read by others: chmod 600 {path}, or make a new key if anybody has")
     try:
         if len(text) != PRIVATE_DIGITS:
             raise ValueError
         return Ed25519PrivateKey.from_private_bytes(bytes.fromhex(text))
     except ValueError:
-        raise PrivateKeyError(f"{path} holds no private key; `pdrbench leaderboard key new FILE` makes one") from None
+        raise BundleError(f"{path} holds no private key; `pdrbench leaderboard key new FILE` makes one") from None

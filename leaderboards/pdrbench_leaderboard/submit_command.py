@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP
 from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
 from pdrbench_leaderboard.folder_command import add_folder_commands
+
+if TYPE_CHECKING:
+    from pdrbench_leaderboard.schema import Finding
 
 app = typer.Typer(no_args_is_help=True, help="Pack and check a submission.")
 add_folder_commands(app)
@@ -60,6 +64,11 @@ def check(
         from pdrbench_leaderboard.submission import check_bundle
 
         findings = check_bundle(path)
+    tell_findings(findings, as_json=as_json)
+
+
+def tell_findings(findings: Sequence[Finding], *, as_json: bool) -> None:
+    """Prints what was looked at; exits with 1 where anything is not as it should be."""
     if as_json:
         print_json({"checks": [{"name": f.name, "pass": f.passed, "why": f.why} for f in findings]})
     else:

@@ -7,6 +7,7 @@ import datetime
 import hashlib
 import io
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -27,7 +28,6 @@ from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench_leaderboard.checking import check_board
 from pdrbench_leaderboard.record import Verification, is_verified, read_entry, sign_entry
 from pdrbench_leaderboard.run import Settings
-from pdrbench_leaderboard.signing import DamagedSignatureError, MissingSignatureError, RevokedKeyError, UnknownKeyError
 from pdrbench_leaderboard.standings import read_tables
 from pdrbench_leaderboard.submission import check_bundle, make_bundle
 
@@ -271,44 +271,39 @@ def record_of_another(folder: Path) -> None:
     (folder / "signed.json").write_bytes(signing.sign(Verification(**(body | {"date": SINCE})), maintainer))
 
 
-ENTRIES: dict[str, tuple[Callable[[Path], None], type[BundleError], str]] = {
+ENTRIES: dict[str, tuple[Callable[[Path], None], str]] = {
     "has no signature in its record": (
         lambda f: write_signed(f, signature="", key=""),
-        MissingSignatureError,
         "not signed",
     ),
-    "is signed by a stranger": (signed_by_stranger, UnknownKeyError, "does not list"),
-    "is signed by a stranger in another's name": (strangers_name, DamagedSignatureError, "not of this text"),
+    "is signed by a stranger": (signed_by_stranger, "does not list"),
+    "is signed by a stranger in another's name": (strangers_name, "not of this text"),
     "is signed with a revoked key": (
         lambda f: other_keys(f, "from =", "revoked = 2026-02-01\nfrom ="),
-        RevokedKeyError,
         "revoked on 2026-02-01",
     ),
     "is older than the key that signed it": (
         lambda f: other_keys(f, "from = 2026-01-01", "from = 2099-01-01"),
-        BundleError,
         "valid from 2099",
     ),
     "says something else than was signed": (
         lambda f: write_signed(f, body=signed_file(f)["body"].replace("mine", "wanders")),
-        DamagedSignatureError,
         "not of this text",
     ),
-    "has other answers": (better_answers, BundleError, "not the one"),
-    "has other scores than were signed": (better_scores, BundleError, "before it was changed"),
-    "is the entry of another": (of_another, BundleError, "lies in <board>/<entry>"),
-    "has the record of another entry": (record_of_another, BundleError, "another entry"),
+    "has other answers": (better_answers, "not the one"),
+    "has other scores than were signed": (better_scores, "before it was changed"),
+    "is the entry of another": (of_another, "lies in <board>/<entry>"),
+    "has the record of another entry": (record_of_another, "another entry"),
 }
 
 
 @pytest.mark.parametrize("name", ENTRIES)
 def test_an_entry_that_lies_is_refused(folder: Path, toy_board: Board, name: str) -> None:
     assert is_verified(folder, read_entry(folder)[0])
-    change, error, why = ENTRIES[name]
+    change, why = ENTRIES[name]
     change(folder)
-    with pytest.raises(error) as refusal:
+    with pytest.raises(BundleError, match=re.escape(why)) as refusal:
         is_verified(folder, read_entry(folder)[0])
-    assert type(refusal.value) is error and why in str(refusal.value)
     assert str(refusal.value).isprintable()
     with pytest.raises(BundleError):
         read_tables(folder.parents[1], toy_board)
@@ -324,7 +319,7 @@ def test_keys_that_are_no_keys_are_refused(folder: Path) -> None:
         with pytest.raises(BundleError):
             is_verified(folder, read_entry(folder)[0])
     keys.unlink()
-    with pytest.raises(UnknownKeyError):
+    with pytest.raises(BundleError):
         is_verified(folder, read_entry(folder)[0])
 
 
@@ -335,10 +330,10 @@ def test_a_private_key_is_its_owners_alone(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="never replaces a file"):
         signing.new_key(path, "x", SINCE)
     path.chmod(0o640)
-    with pytest.raises(signing.PrivateKeyError, match="can be read by others"):
-        signing.key_id(path)
+    with pytest.raises(BundleError, match="can be read by others"):
+        signing.check_listed(path, tmp_path)
     path.chmod(0o600)
     for content in ("", "00", "zz" * 32, "0" * 63):
         path.write_text(content)
-        with pytest.raises(signing.PrivateKeyError, match="holds no private key"):
-            signing.key_id(path)
+        with pytest.raises(BundleError, match="holds no private key"):
+            signing.check_listed(path, tmp_path)

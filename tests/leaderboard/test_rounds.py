@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.task import commitment
 from pdrbench_leaderboard import boards, record
-from pdrbench_leaderboard.boards import Board, OtherSecretError, Round
+from pdrbench_leaderboard.boards import Board, Round
 from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.rounds import (
     MAX_SUBMISSIONS,
@@ -24,7 +24,7 @@ from pdrbench_leaderboard.rounds import (
     read_submissions,
     round_secret,
 )
-from pdrbench_leaderboard.run import Settings, run
+from pdrbench_leaderboard.run import Entrant, Settings, run, score_all
 from pdrbench_leaderboard.standings import read_tables
 
 from .conftest import ENV, ONE, ROUND, card_named
@@ -37,7 +37,7 @@ def test_secrets_of_rounds_follow_from_the_master_and_nothing_else() -> None:
     assert round_secret(MASTER, 3) == derived.hex()
     closed = Round(number=3, commitment=commitment(round_secret(MASTER, 3)))
     assert closed.secret_of(MASTER) == closed.secret_of(round_secret(MASTER, 3)) == derived.hex()
-    with pytest.raises(OtherSecretError):
+    with pytest.raises(BundleError):
         closed.secret_of(MASTER[::-1])
 
 
@@ -96,3 +96,12 @@ def test_who_submits_too_often_waits(tmp_path: Path) -> None:
     assert not has_to_wait(tmp_path, 1, again, "0" * 64), "the same code is no new submission"
     assert not has_to_wait(tmp_path, 2, again, "a" * 64), "the next round"
     assert len(read_submissions(tmp_path)) == MAX_SUBMISSIONS + 1
+
+
+def test_what_another_machine_has_played_counts_as_well(settings: Settings, mine: tuple[str, Path]) -> None:
+    entrant = Entrant(mine[0], card_named("mine"))
+    for number in range(MAX_SUBMISSIONS):
+        has_to_wait(settings.root, 1, entrant.card, f"{number}" * 64)
+    closed = dataclasses.replace(settings, round=Round(number=1, commitment=commitment(MASTER)))
+    with pytest.raises(BundleError, match="waits for the next round"):
+        list(score_all([ONE], entrant, settings.work, closed))

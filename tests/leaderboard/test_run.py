@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,12 +18,13 @@ from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard import record, score, table
-from pdrbench_leaderboard.boards import Board, OtherSecretError, Round, boards, find_round
+from pdrbench_leaderboard.boards import Board, Round, boards, find_round
 from pdrbench_leaderboard.bundle import write_bundle
-from pdrbench_leaderboard.checking import check_board
+from pdrbench_leaderboard.checking import check_board, compare_entries
 from pdrbench_leaderboard.confine.read_permissions import hidden_places
 from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
 from pdrbench_leaderboard.run import Settings, run
+from pdrbench_leaderboard.signing import new_key
 from pdrbench_leaderboard.standings import read_tables
 from pdrbench_leaderboard.submission import make_bundle
 
@@ -40,9 +43,9 @@ def test_boards_name_registered_environments_and_round_0_is_published() -> None:
 def test_the_secret_of_a_round_is_the_one_that_was_committed_to() -> None:
     closed = Round(number=1, commitment=commitment(SECRET))
     assert closed.secret_of(SECRET) == ROUND.secret_of(None) == SECRET
-    with pytest.raises(OtherSecretError, match="not published"):
+    with pytest.raises(BundleError, match="not published"):
         closed.secret_of(None)
-    with pytest.raises(OtherSecretError, match="sha256 differs"):
+    with pytest.raises(BundleError, match="sha256 differs"):
         closed.secret_of("0" * 32)
 
 
@@ -233,3 +236,27 @@ def test_private_recordings_are_a_column(
     findings = list(check_board(settings.root, toy_board))
     assert any("with its host alone" in of.why for of in findings)
     assert {of.name for of in findings if not of.passed} == {"toy/README.md"}  # was not written
+
+
+def test_a_key_signs_only_what_was_played_here(toy_board: Board, settings: Settings, tmp_path: Path) -> None:
+    """A sender's record holds a part that nobody has played: it is played anew, and the two do not agree by score."""
+    list(run([toy_board], [STAY], settings))
+    folder = settings.root / "toy" / STAY
+    honest = record.read_entry(folder)[0]
+    forged = re.sub(r'("p75_m": \[)[^]]*', lambda found: re.sub(r"[\d.]+(?=[,\]]|$)", "0.01", found[0]), _entry(folder))
+    assert forged != _entry(folder)
+    (folder / record.ENTRY_FILE).write_text(forged)
+    shutil.copytree(folder, tmp_path / "toy" / STAY)
+    settings.root.joinpath("keys.toml").write_text(new_key(tmp_path / "key", "x", datetime.date(2026, 1, 1)))
+    signing = dataclasses.replace(settings, key=tmp_path / "key")
+    assert [of.played for of in run([toy_board], [STAY], signing)] == [(STAY,)] * 2
+    assert record.read_entry(folder)[0].parts == honest.parts and record.is_verified(folder, honest)
+    assert all(of.kept for of in run([toy_board], [STAY], signing))
+    assert {of.passed for of in compare_entries(folder, folder)} == {True}
+    findings = compare_entries(tmp_path / "toy" / STAY, folder)
+    assert len(findings) == 2 and not any(of.passed for of in findings)
+    assert "0 of 12 walks agree" in findings[0].why
+
+
+def _entry(folder: Path) -> str:
+    return (folder / record.ENTRY_FILE).read_text()

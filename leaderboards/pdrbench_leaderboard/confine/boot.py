@@ -27,7 +27,7 @@ CLONE: Final = {  # flags of unshare(2)
     "namespace-ipc": 0x08000000,
     "namespace-uts": 0x04000000,
 }
-MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC, MS_BIND = 1, 2, 4, 8, 4096
+MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC = 1, 2, 4, 8
 MS_PRIVATE_TREE: Final = 0x4000 | 0x40000  # MS_REC | MS_PRIVATE
 MNT_DETACH: Final = 2
 SYS_MOUNT_SETATTR: Final = 442  # on every architecture; Linux 5.12
@@ -108,10 +108,6 @@ def _arrange_files(orders: dict[str, Any], record: ProtectionRecord) -> None:
         return
     if "namespace-pid" in record.held:
         record.attempt(["proc-own"], mount_proc)
-    for folder in orders["writable"]:  # Landlock decides which child may
-        with contextlib.suppress(OSError):
-            check(LIBC.mount(folder.encode(), folder.encode(), None, MS_BIND, None))
-            check(_set_attributes(folder, 0, MS_RDONLY, 0))
 
 
 def _hide_data(orders: dict[str, Any], record: ProtectionRecord) -> None:

@@ -56,18 +56,15 @@ def detach(record: ProtectionRecord, limits: FileLimits, memory_mb: int, cpu_s: 
         record.attempt([name], lambda which=which, limit=limit: _lower(which, limit))  # type: ignore[misc]
 
 
-def confine(record: ProtectionRecord, ruleset: Ruleset | None, why_none: str) -> None:
+def confine(record: ProtectionRecord, ruleset: Ruleset | None) -> None:
     """What a confined child gives up in addition: rights, files, system calls. The order matters.
 
     Args:
         record: Where the outcome is noted.
-        ruleset: What it may open; None where the kernel has no Landlock.
-        why_none: Why there is no ruleset.
+        ruleset: What it may open; None where the kernel has no Landlock, as the record says.
     """
     record.attempt(["no-new-privileges"], lambda: prctl(PR_SET_NO_NEW_PRIVS, 1))
-    if ruleset is None:
-        record.missing["landlock-files"] = why_none
-    else:
+    if ruleset is not None:
         record.attempt(protections(ruleset.abi), ruleset.enforce)
     record.attempt(["no-capabilities"], _drop_capabilities)
     record.attempt(["seccomp"], seccomp.enforce)

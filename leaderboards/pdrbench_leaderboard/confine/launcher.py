@@ -12,7 +12,6 @@ import contextlib
 import gc
 import importlib
 import importlib.util
-import json
 import os
 import pkgutil
 import socket
@@ -32,7 +31,6 @@ from pdrbench_leaderboard.confine.shared_modules import import_only
 from pdrbench_leaderboard.confine.toolbox import LIBRARIES, TOOLBOX
 from pdrbench_leaderboard.confine.walk_process import LoneWalk
 
-MAX_RULESETS: Final = 16
 NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")
 # What numeric libraries ask /proc, as it was when the launcher began: what changes there would be a note
 PROC_FILES: Final = ("/proc/cpuinfo", "/proc/sys/vm/overcommit_memory", "/proc/filesystems", "/proc/version")
@@ -82,7 +80,6 @@ class _Launcher:
             self._namespace = os.open("/proc/self/ns/pid", os.O_RDONLY | os.O_CLOEXEC)
         self._proc = {path: _content(path) for path in PROC_FILES}
         self._num_modules = 0  # that were loaded when the map of its memory was read, which a fork has as well
-        self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
         self._libraries: set[str] = set()
 
     def run(self) -> None:
@@ -92,7 +89,6 @@ class _Launcher:
             order, descriptors = receive(self._control, 1)
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
-                self._import_builtins(order["fork"]["builtins"])
                 if order["fork"]["is_rehearsal"]:
                     os.makedirs(order["fork"]["compiled"], exist_ok=True)  # noqa: PTH103
                 if order["fork"]["calls_compiled"]:
@@ -126,49 +122,25 @@ class _Launcher:
                     importlib.import_module(name)
                 gc.freeze()
 
-    def _import_builtins(self, modules: Sequence[str]) -> None:
-        """Imports modules of localizers that come with pdrbench, as the evaluating process names them."""
-        for name in modules:
-            if name not in sys.modules:
-                with contextlib.suppress(Exception):  # the child meets it again, and says so
-                    module = importlib.import_module(name)
-                    if numba_cache.is_called_by(module):
-                        numba_cache.prepare()
-                        numba_cache.load(module)
-                gc.freeze()
-
-    def _ruleset(self, order: dict[str, Any]) -> tuple[Ruleset | None, str]:
-        """What this kind of child may open; built once for each kind."""
-        key = json.dumps([order["readable"], order["listed"], order["writable"]])
-        if key not in self._rulesets:
-            if len(self._rulesets) >= MAX_RULESETS:
-                for ruleset, _ in self._rulesets.values():
-                    if ruleset is not None:
-                        ruleset.close()
-                self._rulesets.clear()
-            try:
-                self._rulesets[key] = (_make_ruleset(order, self._orders["scratch"]), "")
-            except OSError as error:
-                self._rulesets[key] = (None, str(error.strerror))
-        return self._rulesets[key]
-
     def _fork(self, order: dict[str, Any], entrance: Sequence[int]) -> LoneWalk:
-        ruleset, why_none = self._ruleset(order)
         os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
         record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
         if self._num_modules != len(sys.modules):
             self._num_modules, self._proc[OWN_MAP] = len(sys.modules), _content(OWN_MAP)
 
+        ruleset: list[Ruleset] = []  # made in the namespaces of the walk
+
         def arrange() -> None:
             record.attempt(["first-to-go"], prefer_for_oom)
             boot.mount_scratch(self._orders)
             boot.mount_facts(self._proc)
-            if ruleset is not None:
-                ruleset.write(self._orders["scratch"])
-                ruleset.read("/proc")
+            try:
+                ruleset.append(_make_ruleset(order, self._orders["scratch"]))
+            except OSError as error:
+                record.missing["landlock-files"] = str(error.strerror)
 
         return LoneWalk(
-            lambda pipes: self._become_child(order, pipes, entrance, ruleset, why_none, record),
+            lambda pipes: self._become_child(order, pipes, entrance, ruleset[0] if ruleset else None, record),
             arrange,
             self._orders["scratch"],
             self._namespace,
@@ -180,7 +152,6 @@ class _Launcher:
         pipes: Sequence[int],
         entrance: Sequence[int],
         ruleset: Ruleset | None,
-        why_none: str,
         record: ProtectionRecord,
     ) -> None:
         requests, replies, output = pipes
@@ -194,12 +165,12 @@ class _Launcher:
         os.dup2(output, 2)
         os.chdir(self._orders["scratch"])
         detach(record, FileLimits(**order["files"]), order["memory_mb"], order["cpu_s"])
-        if order["own_cache"] or order["is_rehearsal"]:
+        if order["is_rehearsal"]:
             numba_cache.enable_writing()
         if order["compiled"]:
             numba_cache.keep_all(order["compiled"])
         close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
-        confine(record, ruleset, why_none)
+        confine(record, ruleset)
         if ruleset is not None:
             ruleset.close()
         child_main.serve(requests, replies, messages.Started(0, record.held, record.missing))
@@ -224,7 +195,7 @@ def _make_ruleset(order: dict[str, Any], scratch: str) -> Ruleset:
     ruleset = Ruleset()
     for path in order["listed"]:
         ruleset.list_folder(path)
-    for path in order["readable"]:
+    for path in (*order["readable"], "/proc"):
         ruleset.read(path)
     for path in (*order["writable"], scratch, os.devnull):
         ruleset.write(path)

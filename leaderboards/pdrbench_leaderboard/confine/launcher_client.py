@@ -25,7 +25,7 @@ from pdrbench_leaderboard.confine.boot import receive, send
 from pdrbench_leaderboard.confine.confine import FileLimits
 from pdrbench_leaderboard.confine.confined_process import LAUNCHER_ENDED, ConfinedProcess
 from pdrbench_leaderboard.confine.memory_group import MemoryGroup, find_place
-from pdrbench_leaderboard.confine.read_permissions import ReadPermissions, compiled_folders, hidden_places, numba_cache
+from pdrbench_leaderboard.confine.read_permissions import ReadPermissions, hidden_places, numba_cache
 from pdrbench_leaderboard.confine.shared_modules import shared_modules
 from pdrbench_leaderboard.confine.toolbox import LIBRARIES
 from pdrbench_leaderboard.confine.walk_process import NUM_PIPES
@@ -55,7 +55,6 @@ class Launcher:
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
         self._compiled = tempfile.mkdtemp(prefix="pdrbench-compiled-")  # by localizer: see `rehearsed`
         self.rehearsed: set[str] = set()  # targets, with when they were changed, that have played a walk before
-        self._builtins: set[str] = set()
         self._has_ended = False
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
         ours, theirs = socket.socketpair()
@@ -71,7 +70,6 @@ class Launcher:
             start_new_session=True,
         )
         theirs.close()
-        compiled = compiled_folders()
         self._groups: Path | None = None  # where those for walks are made
         self._why_no_group = ""
         try:
@@ -86,7 +84,6 @@ class Launcher:
                 "scratch_bytes": files.scratch_mb * MEBIBYTE,
                 "scratch_files": files.scratch_files,
                 "hidden": sorted(hidden_places()),
-                "writable": compiled,
                 "numba_cache": numba_cache(),
                 "environment": {**THREADS, "PATH": os.defpath},
                 "modules": sorted(shared_modules()) if packages else [],
@@ -121,16 +118,14 @@ class Launcher:
         order = {
             "readable": [*permissions.readable, *([compiled] if compiled else [])],
             "listed": permissions.listed,
-            "writable": [*permissions.writable, *([compiled] if is_rehearsal else [])],
+            "writable": [compiled] if is_rehearsal else [],
             "compiled": compiled,
             "is_rehearsal": is_rehearsal,
-            "own_cache": permissions.is_builtin,
             "files": asdict(self.files),
             "memory_mb": self.limits.memory_mb,
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
             "libraries": [name for name in LIBRARIES if name in permissions.imports],
-            "builtins": sorted(self._builtins),
-            "calls_compiled": not permissions.is_builtin and permissions.calls_compiled,
+            "calls_compiled": permissions.calls_compiled,
             "why_no_group": self._why_no_group,
         }
         try:
@@ -152,10 +147,6 @@ class Launcher:
             except OSError as error:
                 self._why_no_group = str(error.strerror)
         return None
-
-    def preload_builtin(self, module: str) -> None:
-        """Names a module with a localizer of pdrbench itself, which the launcher imports for the next children."""
-        self._builtins.add(module)
 
     def reap(self, grace_s: float) -> Ended:
         """Ends the child after waiting up to `grace_s` for it to end by itself."""

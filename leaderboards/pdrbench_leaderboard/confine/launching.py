@@ -45,9 +45,9 @@ class ConfinedLauncher:
         _try(os.getpid(), self._files)
 
     def wants_rehearsal(self, order: LaunchOrder) -> bool:
-        """For a stranger's localizer that compiles."""
+        """For a localizer that compiles."""
         permissions = permissions_of(order.localizer, order.target)
-        if permissions.is_builtin or "numba" not in {name.partition(".")[0] for name in permissions.imports}:
+        if "numba" not in {name.partition(".")[0] for name in permissions.imports}:
             return False
         launcher = warm_launcher(order.limits, self._files, permissions.packages)
         return _version(order.target, permissions) not in launcher.rehearsed
@@ -64,10 +64,7 @@ class ConfinedLauncher:
         permissions = permissions_of(order.localizer, order.target)
         launcher = warm_launcher(order.limits, self._files, permissions.packages)
         _check(NEEDED, launcher.held, launcher.missing)
-        if permissions.is_builtin:
-            launcher.preload_builtin(order.target.partition(":")[0])
-        else:
-            _compile_toolbox(permissions)
+        _compile_toolbox(permissions)
         name = _version(order.target, permissions)
         if order.is_rehearsal:
             launcher.rehearsed.add(name)
@@ -111,7 +108,7 @@ def _version(target: str, permissions: ReadPermissions) -> str:
 
 
 def _compile_toolbox(permissions: ReadPermissions) -> None:
-    """Compiles what a stranger's localizer is likely to call, since its own process may not write the cache."""
+    """Compiles what a localizer is likely to call, since its own process may not write the cache."""
     toolbox = permissions.toolbox
     if toolbox:
         from pdrbench_leaderboard.confine.numba_cache import compile_package  # takes half a second to import

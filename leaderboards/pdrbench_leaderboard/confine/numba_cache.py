@@ -1,4 +1,4 @@
-"""Compiled functions are kept in Numba's cache, which only code of pdrbench itself may write.
+"""Compiled functions are kept in Numba's cache, which no confined process may write.
 
 Files of that cache are unpickled when they are read: untrusted code that could write one would run in other processes.
 Functions that it compiles therefore stay in the memory of its own process.
@@ -9,8 +9,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-import sys
-from types import ModuleType
 from typing import Any, Final
 
 from numba.core import caching, config
@@ -18,7 +16,6 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.registry import cpu_target
 
 from pdrbench.registry import OURS, WARM_UPS_GROUP, entries
-from pdrbench_leaderboard.confine.toolbox import TOOLBOX
 
 _STATE: Final[dict[str, bool]] = {"writes": False}  # whether this process may write the cache
 
@@ -81,39 +78,10 @@ def compile_package(name: str) -> None:
         entry.load()()
 
 
-def is_called_by(module: ModuleType) -> bool:
-    """Whether a module, or one beside it in its folder, has compiled functions or takes something from `TOOLBOX`."""
-    return any(
-        isinstance(value, Dispatcher)
-        or str(getattr(value, "__module__", getattr(value, "__name__", ""))).startswith(TOOLBOX)
-        for value in _names_in(module)
-    )
-
-
-def _names_in(module: ModuleType) -> list[Any]:
-    """What the names in a module, and in those beside it in its folder, stand for."""
-    folder = module.__name__.rpartition(".")[0] + "."
-    beside = [other for name, other in sys.modules.items() if "." in folder[:-1] and name.startswith(folder)]
-    return [value for other in [module, *beside] for value in vars(other).values()]
-
-
 def prepare() -> None:
     """Loads what Numba needs for any compiled function, which takes as long as a short walk; starts no thread."""
     cpu_target.target_context.refresh()
     cpu_target.typing_context.refresh()
-
-
-def load(module: ModuleType) -> None:
-    """Loads compiled functions that a module, or one beside it, calls from Python, but none that starts threads."""
-    kernels: set[Any] = {value for value in _names_in(module) if isinstance(value, Dispatcher)}
-    called = {name for kernel in kernels for name in kernel.py_func.__code__.co_names}  # part of what calls them
-    for kernel in kernels:
-        cache = kernel._cache
-        if kernel.py_func.__name__ in called or kernel.targetoptions.get("parallel") or not cache.cache_path:
-            continue
-        for key in cache._cache_file._load_index():
-            if key == cache._index_key(key[0], kernel.targetctx.codegen()):
-                kernel.compile(key[0])
 
 
 def enable_writing() -> None:

@@ -54,8 +54,6 @@ class ReadPermissions:
 
     readable: tuple[str, ...]  # files, and folders with everything below them
     listed: tuple[str, ...]  # folders whose names may be listed
-    writable: tuple[str, ...]  # folders of compiled code, for localizers that come with pdrbench
-    is_builtin: bool  # true for localizers that come with pdrbench
     # files and folders of its code; of a localizer that comes with pdrbench, the one that it is in
     own: tuple[str, ...]
     # Folder of the packages that it imports instead of those that are installed; "": the latter
@@ -116,16 +114,14 @@ def _permissions(
     else:
         own, listed_too = [place] if place.endswith(".py") else _package(place.partition(".")[0], localizer), []
     entry = localizers().get(localizer)
-    is_builtin = entry is not None and entry.package == OURS
+    is_ours = entry is not None and entry.package == OURS
     readable, listed = _common(path)
     compiled = compiled_folders()
     its_own = [*own, *([packages] if packages else [])]
     return ReadPermissions(
         tuple(dict.fromkeys([*readable, *compiled, *map(os.path.realpath, its_own)])),
         tuple(dict.fromkeys([*listed, *map(os.path.realpath, listed_too)])),
-        tuple(compiled) if is_builtin else (),
-        is_builtin,
-        tuple(_beside(place, own) if is_builtin else own),
+        tuple(_beside(place, own) if is_ours else own),
         packages,
     )
 

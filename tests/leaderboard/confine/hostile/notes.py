@@ -149,12 +149,12 @@ class Inherits(Probe):
 
     def priority(self) -> bool:
         level = os.getpriority(os.PRIO_PROCESS, 0)
-        return self.swap(lambda: level, lambda: os.setpriority(os.PRIO_PROCESS, 0, 17), 17)
+        return self.swap(lambda: level, lambda: os.setpriority(os.PRIO_PROCESS, 0, 3), 3)
 
     def scheduling(self) -> bool:
-        idle = os.sched_param(0)
+        usual = os.sched_param(0)  # an idle one would not get its time on a busy machine
         return self.swap(
-            lambda: os.sched_getscheduler(0), lambda: os.sched_setscheduler(0, os.SCHED_IDLE, idle), os.SCHED_IDLE
+            lambda: os.sched_getscheduler(0), lambda: os.sched_setscheduler(0, os.SCHED_BATCH, usual), os.SCHED_BATCH
         )
 
     def name(self) -> bool:
