@@ -12,7 +12,7 @@ import typer
 from pdrbench.cli.options import Jobs, Scheduler
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import PdrbenchError, plain_line
-from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder
+from pdrbench_leaderboard.submit_command import PackagesFolder, WeightsFolder, WheelsFolder
 
 if TYPE_CHECKING:
     from pdrbench_leaderboard.run import Outcome
