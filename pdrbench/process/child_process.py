@@ -97,7 +97,6 @@ class ChildProcess:
     """
 
     facts = PLAIN
-    has_exceeded_memory = False
 
     def __init__(self, limits: Limits, ends_s: float, key: tuple[object, ...] = ()) -> None:
         self._limits, self.key = limits, key

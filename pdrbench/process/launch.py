@@ -32,7 +32,6 @@ class Process(Protocol):
     Attributes:
         facts: How it is isolated: `mode`, the protections `held`, and why others are `missing`, by name.
         last_read_s: When something was last read from it, on the monotonic clock.
-        has_exceeded_memory: Whether the kernel has ended it for that.
     """
 
     @property
@@ -40,9 +39,6 @@ class Process(Protocol):
 
     @property
     def last_read_s(self) -> float: ...
-
-    @property
-    def has_exceeded_memory(self) -> bool: ...
 
     @property
     def output(self) -> str:

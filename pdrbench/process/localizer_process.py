@@ -240,9 +240,6 @@ class LocalizerProcess:
         ended = child.end(0.0 if error.is_running else GRACE_S)
         if ended.lost:  # what starts processes went as well
             return f"{ended.lost}; {BEGUN}"
-        if child.has_exceeded_memory:
-            limit_mb = self._terms.limits.memory_mb
-            return f"the localizer's process was ended: memory: it needed more than the limit of {limit_mb} MB"
         if ended.killed:
             return f"the localizer's process was ended: {error}"
         if ended.code < 0:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
+import shutil
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
@@ -66,12 +70,20 @@ def _play(localizer: Player, steps: int) -> None:
 
 def _isolated(kind: Kind, busy_s: float) -> LocalizerProcess:
     terms = Terms(kind, Budget(), PERIOD_S, num_steps=1_000_000)
-    target = f"{busy.__file__}:{Busy.__name__}"
+    target = f"{_copied(Path(busy.__file__))}:{Busy.__name__}"
     localizer = LocalizerProcess(target, target, parameters={"busy_s": busy_s}, terms=terms)
     localizer.start()
     sensors = {name: sensor_spec(name) for name in ROWS}
     localizer.reset(Briefing(None, sensors, PERIOD_S), np.random.default_rng(SEED))
     return localizer
+
+
+@functools.cache
+def _copied(source: Path) -> Path:
+    """A copy where a confined process can read it: a package with environments is hidden from it."""
+    folder = Path(tempfile.mkdtemp(prefix="pdrbench-bench-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(shutil.copy(source, folder))
 
 
 def _start_and_end(kind: Kind) -> Callable[[], object]:

@@ -28,6 +28,7 @@ resource: Any = importlib.import_module("resource") if CAN_CONFINE else None
 PR_SET_NO_NEW_PRIVS: Final = 38
 CAPABILITY_VERSION: Final = 0x20080522  # _LINUX_CAPABILITY_VERSION_3
 FIRST_DESCRIPTOR: Final = 3
+MAX_ADDRESSES: Final = 64 << 30  # bytes: tables of pages, which no limit counts, then take 128 MB at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,7 @@ def detach(record: ProtectionRecord, limits: FileLimits, memory_mb: int, cpu_s: 
     data = memory_mb * MEBIBYTE
     for name, which, limit in (
         ("limit-memory", "RLIMIT_DATA", data),
+        ("limit-addresses", "RLIMIT_AS", MAX_ADDRESSES),
         ("limit-cpu", "RLIMIT_CPU", int(cpu_s) + 1),
         ("limit-file-size", "RLIMIT_FSIZE", limits.file_mb * MEBIBYTE),
         ("limit-open-files", "RLIMIT_NOFILE", limits.open_files),

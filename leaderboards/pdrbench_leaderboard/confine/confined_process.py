@@ -27,7 +27,6 @@ from pdrbench.process.child_process import (
 from pdrbench.process.messages import TRACE_SIGNAL, ProtocolError, frame_size
 from pdrbench_leaderboard.confine.boot import LENGTH_BYTES, ProtectionRecord
 from pdrbench_leaderboard.confine.confine import mode
-from pdrbench_leaderboard.confine.memory_group import MemoryGroup
 
 LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
 CHECK_MS: Final = round(1000 * CHECK_S)
@@ -46,7 +45,6 @@ class ConfinedProcess:
         pid: Its number in the namespace of the launcher.
         handle: Descriptor that names it everywhere.
         pipes: Our ends of those for requests, replies and output.
-        group: In which the kernel counts its memory; None where there is none.
 
     Attributes:
         last_read_s: When something was last read from it, on the monotonic clock.
@@ -59,9 +57,7 @@ class ConfinedProcess:
         pid: int,
         handle: int,
         pipes: Sequence[int],
-        group: MemoryGroup | None = None,
     ) -> None:
-        self._group, self._has_exceeded = group, False
         self._limits, self._reap, self._handle = limits, reap, handle
         self._record = ProtectionRecord()
         self._requests, self._replies, self._output = pipes
@@ -136,11 +132,6 @@ class ConfinedProcess:
                     raise LateError
                 return body
 
-    @property
-    def has_exceeded_memory(self) -> bool:
-        """True where the kernel has ended it for that."""
-        return self._has_exceeded or (self._group is not None and self._group.has_exceeded)
-
     def look_at(self, record: ProtectionRecord) -> None:
         """Notes its protections, and looks at its memory."""
         self._record = record
@@ -179,9 +170,6 @@ class ConfinedProcess:
             except LaunchError as error:  # the launcher, which measures it, has ended
                 self._ended = Ended(0, True, *self._usage.used, is_measured=False, lost=str(error))
             finally:
-                if self._group is not None:
-                    self._has_exceeded = self._group.has_exceeded
-                    self._group.close()
                 for _ in range(MAX_PIPE_BYTES // READ_BYTES):
                     if not self._read_output():
                         break

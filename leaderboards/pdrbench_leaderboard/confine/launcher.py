@@ -26,7 +26,6 @@ from pdrbench_leaderboard.confine import boot, numba_cache
 from pdrbench_leaderboard.confine.boot import ProtectionRecord, receive, send
 from pdrbench_leaderboard.confine.confine import FileLimits, close_others, confine, detach, prefer_for_oom
 from pdrbench_leaderboard.confine.landlock import Ruleset
-from pdrbench_leaderboard.confine.memory_group import MEMORY_GROUP, enter
 from pdrbench_leaderboard.confine.shared_modules import import_only
 from pdrbench_leaderboard.confine.toolbox import LIBRARIES, TOOLBOX
 from pdrbench_leaderboard.confine.walk_process import LoneWalk
@@ -86,7 +85,7 @@ class _Launcher:
         """One order after the other."""
         send(self._control, {"held": self._record.held, "missing": self._record.missing})
         while True:
-            order, descriptors = receive(self._control, 1)
+            order, _ = receive(self._control)
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
                 if order["fork"]["is_rehearsal"]:
@@ -94,14 +93,12 @@ class _Launcher:
                 if order["fork"]["calls_compiled"]:
                     numba_cache.prepare()
                 try:
-                    self._child = child = self._fork(order["fork"], descriptors)
+                    self._child = child = self._fork(order["fork"])
                     send(self._control, {"pid": child.pid}, [child.handle, *child.pipes])
                     for descriptor in child.pipes:
                         os.close(descriptor)
                 except OSError as error:
                     send(self._control, {"denied": str(error.strerror)})
-                for descriptor in descriptors:
-                    os.close(descriptor)
             else:
                 send(self._control, self._reap(order["reap"]["grace_s"]))
 
@@ -122,7 +119,7 @@ class _Launcher:
                     importlib.import_module(name)
                 gc.freeze()
 
-    def _fork(self, order: dict[str, Any], entrance: Sequence[int]) -> LoneWalk:
+    def _fork(self, order: dict[str, Any]) -> LoneWalk:
         os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
         record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
         if self._num_modules != len(sys.modules):
@@ -140,7 +137,7 @@ class _Launcher:
                 record.missing["landlock-files"] = str(error.strerror)
 
         return LoneWalk(
-            lambda pipes: self._become_child(order, pipes, entrance, ruleset[0] if ruleset else None, record),
+            lambda pipes: self._become_child(order, pipes, ruleset[0] if ruleset else None, record),
             arrange,
             self._orders["scratch"],
             self._namespace,
@@ -150,15 +147,10 @@ class _Launcher:
         self,
         order: dict[str, Any],
         pipes: Sequence[int],
-        entrance: Sequence[int],
         ruleset: Ruleset | None,
         record: ProtectionRecord,
     ) -> None:
         requests, replies, output = pipes
-        if entrance:
-            record.attempt([MEMORY_GROUP], lambda: enter(*entrance))
-        else:
-            record.missing[MEMORY_GROUP] = order["why_no_group"]
         null = os.open(os.devnull, os.O_RDONLY)
         os.dup2(null, 0)
         os.dup2(output, 1)

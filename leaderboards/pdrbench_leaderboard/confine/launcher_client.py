@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -24,7 +23,6 @@ from pdrbench.process.child_process import GRACE_S, MEBIBYTE, Ended, LaunchError
 from pdrbench_leaderboard.confine.boot import receive, send
 from pdrbench_leaderboard.confine.confine import FileLimits
 from pdrbench_leaderboard.confine.confined_process import LAUNCHER_ENDED, ConfinedProcess
-from pdrbench_leaderboard.confine.memory_group import MemoryGroup, find_place
 from pdrbench_leaderboard.confine.read_permissions import ReadPermissions, hidden_places, numba_cache
 from pdrbench_leaderboard.confine.shared_modules import shared_modules
 from pdrbench_leaderboard.confine.toolbox import LIBRARIES
@@ -70,12 +68,6 @@ class Launcher:
             start_new_session=True,
         )
         theirs.close()
-        self._groups: Path | None = None  # where those for walks are made
-        self._why_no_group = ""
-        try:
-            self._groups = find_place()
-        except OSError as error:
-            self._why_no_group = str(error.strerror)
         self._start(
             {
                 "path": [str(Path(place or os.curdir).absolute()) for place in sys.path],
@@ -114,7 +106,6 @@ class Launcher:
             LaunchError: The launcher has ended.
             DeniedError: The system does not grant it.
         """
-        group = self._make_group()
         order = {
             "readable": [*permissions.readable, *([compiled] if compiled else [])],
             "listed": permissions.listed,
@@ -126,27 +117,12 @@ class Launcher:
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
             "libraries": [name for name in LIBRARIES if name in permissions.imports],
             "calls_compiled": permissions.calls_compiled,
-            "why_no_group": self._why_no_group,
         }
-        try:
-            answer, descriptors = self._ask({"fork": order}, () if group is None else (group.entrance,))
-            if "denied" in answer:
-                raise DeniedError(f"namespaces for a walk ({answer['denied']})")
-        except PdrbenchError:
-            if group is not None:
-                group.close()
-            raise
+        answer, descriptors = self._ask({"fork": order})
+        if "denied" in answer:
+            raise DeniedError(f"namespaces for a walk ({answer['denied']})")
         handle, *pipes = descriptors
-        return ConfinedProcess(self.limits, self.reap, answer["pid"], handle, pipes, group)
-
-    def _make_group(self) -> MemoryGroup | None:
-        """A group for one walk; None where the system does not grant it."""
-        if self._groups is not None:
-            try:
-                return MemoryGroup(self.limits.memory_mb, self._groups)
-            except OSError as error:
-                self._why_no_group = str(error.strerror)
-        return None
+        return ConfinedProcess(self.limits, self.reap, answer["pid"], handle, pipes)
 
     def reap(self, grace_s: float) -> Ended:
         """Ends the child after waiting up to `grace_s` for it to end by itself."""
@@ -168,9 +144,9 @@ class Launcher:
             with contextlib.suppress(OSError):  # the launcher has removed it where it ended by itself
                 os.rmdir(folder)  # noqa: PTH106
 
-    def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
+    def _ask(self, order: dict[str, Any]) -> tuple[dict[str, Any], list[int]]:
         try:
-            send(self._control, order, descriptors)
+            send(self._control, order)
             return receive(self._control, 1 + NUM_PIPES)
         except (OSError, EOFError) as error:
             self._has_ended = True  # its first process may take a moment to follow
