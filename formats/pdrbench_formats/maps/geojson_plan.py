@@ -8,6 +8,7 @@ heights. See docs/buildings.md.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.maps import osm_indoor, shapefile
+from pdrbench_formats.maps import layers, osm_indoor, shapefile
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
     Collection,
@@ -35,22 +36,7 @@ from pdrbench_formats.maps.features import (
 )
 from pdrbench_formats.maps.plan import Plan
 
-UNITS_M: Final = {
-    "metres": 1.0,
-    "meters": 1.0,
-    "m": 1.0,
-    "feet": 0.3048,
-    "ft": 0.3048,
-    "foot": 0.3048,
-    "inches": 0.0254,
-    "in": 0.0254,
-    "centimetres": 0.01,
-    "centimeters": 0.01,
-    "cm": 0.01,
-    "millimetres": 0.001,
-    "millimeters": 0.001,
-    "mm": 0.001,
-}
+UNITS_M: Final[Mapping[str, float]] = layers.WORDS["units"]
 DEGREES: Final = "degrees"
 KINDS: Final = ("room", "area", "wall", "door", "stairs", "escalator", "lift", "zone")
 CONNECTIONS: Final = ("stairs", "escalator", "lift")

@@ -13,36 +13,14 @@ from typing import Final
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps import layers
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, opened, read_features, to_metres
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
-CONNECTIONS: Final = {
-    "stairs": "stairs",
-    "steps": "stairs",
-    "escalator": "escalator",
-    "elevator": "lift",
-    "ramp": "escalator",
-}
-BARRIERS: Final = frozenset(
-    {"brick", "column", "concretewall", "drywall", "glass", "wood", "structure", "opentobelow", "vegetation", "void"}
-)
-OPEN: Final = frozenset(
-    {
-        "walkway",
-        "walkway.island",
-        "unenclosedarea",
-        "footbridge",
-        "movingwalkway",
-        "platform",
-        "lobby",
-        "unspecified",
-    }
-)
+WORDS: Final = layers.WORDS["imdf"]  # categories: `open`, `barriers`, `solid_fixtures`, `connections`; `unused` files
 MAX_ORDINAL: Final = 200  # no building has more levels
-SOLID_FIXTURES: Final = frozenset({"wall", "obstruction", "water", "vegetation"})
-_UNUSED: Final = ("amenity", "anchor", "occupant", "detail", "geofence", "section", "kiosk", "relationship", "address")
 
 
 def read(path: Path | str, *, strict: bool = False) -> Plan:
@@ -54,7 +32,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     container = opened(Path(path))
     parts: dict[str, list[Feature]] = {}
     mended: list[str] = []
-    for kind in ("level", "unit", "opening", "fixture", "building", *_UNUSED):
+    for kind in ("level", "unit", "opening", "fixture", "building", *WORDS["unused"]):
         parts[kind] = []
         if f"{kind}.geojson" in container.sizes:
             parts[kind], own = read_features(container, f"{kind}.geojson")
@@ -80,21 +58,23 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     outlines: list[Outline] = []
     for unit in parts["unit"]:
         category, shape, number = unit.text("category").lower(), to_metres(unit.shape, geo), _level(unit, ordinals)
-        if category in CONNECTIONS:
-            outlines.append(Outline(CONNECTIONS[category], number, shape, unit.id, is_walled=category == "elevator"))
-        elif category in BARRIERS:
+        if category in WORDS["connections"]:
+            outlines.append(
+                Outline(WORDS["connections"][category], number, shape, unit.id, is_walled=category == "elevator")
+            )
+        elif category in WORDS["barriers"]:
             builder.add_wall(shape, number)
         else:
             builder.add_walkable(
-                shape, number, id=unit.id, name=_name([unit]), use=category, walled=category not in OPEN
+                shape, number, id=unit.id, name=_name([unit]), use=category, walled=category not in WORDS["open"]
             )
     for fixture in parts["fixture"]:
-        if fixture.text("category") in SOLID_FIXTURES:
+        if fixture.text("category") in WORDS["solid_fixtures"]:
             builder.add_wall(to_metres(fixture.shape, geo), _level(fixture, ordinals))
     for opening in parts["opening"]:
         builder.add_door(to_metres(opening.shape, geo), _level(opening, ordinals), name=opening.id)
     join_stacks(builder, outlines)
-    skipped = Counter({kind: len(parts[kind]) for kind in _UNUSED if parts[kind]})
+    skipped = Counter({kind: len(parts[kind]) for kind in WORDS["unused"] if parts[kind]})
     return finished(builder, "imdf", geo, skipped)
 
 

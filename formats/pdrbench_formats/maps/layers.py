@@ -10,6 +10,7 @@ The unit is the stated one where what is drawn can be so large: doors, or treads
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -21,21 +22,8 @@ from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.builder import BuildingBuilder
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
-LAYERS: Final = {
-    "door": re.compile(r"door|t(ue|ü)r|port[ae]|puerta|deur|dörr|drzwi|двер|门|門|ドア|扉", re.IGNORECASE),
-    "stairs": re.compile(r"stair|trepp|trap(pen)?$|escal|scal[ae]|strs|schod|лестн|楼梯|階段", re.IGNORECASE),
-    "lift": re.compile(r"elev|lift|aufzug|ascens|evtr|winda|лифт|电梯|エレベ", re.IGNORECASE),
-    "room": re.compile(
-        r"room|space|r(au|ae|äu|ä)m|area|zone|bereich|outline|boundary|floor|flor|ruimte|pi[eè]ce|habitac|espacio|"
-        r"stanz|local[ie]|sala|rum$|pok[oó]j|помещ|комнат|房间|房間|部屋",
-        re.IGNORECASE,
-    ),
-    "wall": re.compile(
-        r"wall|w(a|ä|ae)nd|mauer|mur|muur|pared|window|glaz|fenster|column|cols|st(ue|ü)tz|cloison|fen[eê]tre|ventana|"
-        r"finestr|raam|vägg|[sś]cian|стен|墙|牆|壁|窗|柱",
-        re.IGNORECASE,
-    ),
-}
+WORDS: Final[Mapping[str, Any]] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
+LAYERS: Final = {name: re.compile(text, re.IGNORECASE) for name, text in WORDS["layers"].items()}
 Unit = Literal["m", "mm", "cm", "ft", "in", ""]
 UNITS: Final = {"m": 1.0, "mm": 0.001, "cm": 0.01, "ft": 0.3048, "in": 0.0254}  # likely ones, the likeliest first
 LIKELY_M: Final = (8.0, 600.0)  # the longer side of a building

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import WALL, Building
-from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels
+from pdrbench.building.connectivity import labels_of, lift_shafts, reachable_parts, unconnected_levels
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.maps.houses import unreachable
@@ -120,15 +120,11 @@ def _lift(building: Building, shaft: Sequence[int]) -> dict[str, Any]:
 
 def _stairs(building: Building) -> list[dict[str, Any]]:
     """Treads that hang together: levels, number and place."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     is_stairs = np.array([polygon.kind == "stairs" for polygon in building.polygons])
     neighbour, owner = building.edge_neighbour, building.edge_polygon
     edges = np.flatnonzero((neighbour != WALL) & is_stairs[owner])
     edges = edges[is_stairs[neighbour[edges]]]
-    graph = coo_array((np.ones(len(edges)), (owner[edges], neighbour[edges])), shape=(len(is_stairs),) * 2)
-    _, label = connected_components(graph, directed=False)
+    label = labels_of(len(is_stairs), np.column_stack([owner[edges], neighbour[edges]]))
     rows = []
     for one in np.unique(label[is_stairs]):
         members = np.flatnonzero((label == one) & is_stairs)

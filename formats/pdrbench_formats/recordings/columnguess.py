@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -17,39 +19,13 @@ from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
-_UNIT_NAMES: Final = {
-    "accel_unit": {
-        "m/s^2": ("m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s^-2", "м/с²", "м/с^2"),
-        "g": ("g",),
-        "mg": ("mg",),
-    },
-    "gyro_unit": {
-        "rad/s": ("rad/s", "rads", "radps", "rps", "rad/sec", "rad s^-1", "radians/s", "1/s", "рад/с"),
-        "deg/s": ("deg/s", "degs", "degps", "dps", "deg/sec", "°/s", "degrees/s"),
-        "mdeg/s": ("mdps", "mdeg/s"),
-    },
-    "mag_unit": {
-        "uT": ("ut", "µt", "μt", "microtesla", "microteslas", "мктл"),
-        "mT": ("mt",),
-        "nT": ("nt",),
-        "T": ("t", "tesla"),
-        "G": ("gauss", "g"),
-        "mG": ("mgauss", "mg"),
-    },
-    "baro_unit": {"hPa": ("hpa", "гпа"), "Pa": ("pa",), "kPa": ("kpa",), "mbar": ("mbar", "millibar"), "bar": ("bar",)},
+_WORDS: Final = tomllib.loads((Path(__file__).parents[1] / "words.toml").read_text(encoding="utf-8"))
+_SECONDS: Final = ("s", "sec", "secs", "second", "seconds", "sekunden")
+_UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
+    **_WORDS["units"],
     "time_unit": {
-        unit: tuple(
-            dict.fromkeys(
-                [f"{short}{word}" for short in shorts for word in ("s", "sec", "secs", "second", "seconds", "sekunden")]
-                + [f"{short}s" for short in shorts if len(short) > 2]  # millis
-            )
-        )
-        for unit, shorts in {
-            "s": ("",),
-            "ms": ("m", "milli"),
-            "us": ("u", "µ", "μ", "micro"),
-            "ns": ("n", "nano"),
-        }.items()
+        unit: [f"{short}{word}" for short in shorts for word in _SECONDS]
+        for unit, shorts in _WORDS["units"]["time_unit"].items()
     },
 }
 _AFTER_AXIS: Final = re.compile(r"(.*)[\W_]?([wxyz])[\W_]+(.+)")  # a name, its axis, and what can only be a unit
@@ -57,56 +33,17 @@ _ENDINGS: Final = sorted(
     {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
 )
 _LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
-# names that are a sensor as they stand, and words that are one at the end of a longer name
-_SENSOR_NAMES: Final = {
-    "accel": ("a", "f", "gf", "linearacceleration"),
-    "gyro": ("g", "w", "omega", "as"),
-    "mag": ("m", "b", "h", "field", "compass"),
-    "rotation": (
-        "gamerv",
-        "gamerotationvector",
-        "q",
-        "ori",
-        "orientation",
-        "rv",
-        "rotation",
-        "rotationvector",
-        "attitude",
-    ),
-}
-_SENSOR_WORDS: Final = {
-    "gravity": ("gravity", "grav"),
-    "accel": (
-        "accelerometer", "acceleration", "accel", "acce", "acc", "specificforce", "gforce", "accelerationwithg",
-        "beschleunigung", "beschl", "加速度",
-    ),
-    "gyro": (
-        "gyroscope", "gyro", "gyr", "angularvelocity", "angvel", "angularrate", "rotationrate", "rotrate",
-        "gyrorotation", "drehrate", "gyroskop", "angularspeed", "angvelocity", "角速度",
-    ),
-    "mag": ("magnetometer", "magneticfield", "magnetic", "magnet", "magn", "mag", "magnetfeld", "磁场"),
-    "rotation": ("quaternion", "quat"),
-    "baro": ("barometer", "airpressure", "pressure", "druck"),
-}  # fmt: skip
-_LINEAR: Final = ("lin", "user", "free", "without", "nog")  # before or in a word of acceleration: gravity is not in it
-_OTHER: Final = (
-    "uncal", "bias", "offset", "std", "sigma", "cov", "accuracy", "temp", "norm", "abs", "ref", "truth", "watch",
-    "wrist", "headphone", "angularacceleration",
-)  # fmt: skip
-_FILLERS: Final = ("raw", "data", "value", "values", "val", "calibrated", "cal", "axis", "sensor", "measurement")
-TIME_NAMES: Final = (
-    "t", "time", "timestamp", "ts", "seconds", "sec", "secs", "millis", "elapsed", "secondselapsed", "timeelapsed",
-    "elapsedtime", "timesincestart", "date", "datetime", "unixtime", "unix", "epoch", "sampletime", "zeit", "temps",
-    "tiempo", "tempo", "zeitstempel", "時間", "时间",
+_SENSOR_NAMES: Final[Mapping[str, Sequence[str]]] = _WORDS["sensors"]["alone"]
+_SENSOR_WORDS: Final[Mapping[str, Sequence[str]]] = _WORDS["sensors"]["ending"]
+_LINEAR, _OTHER, _FILLERS = (_WORDS["columns"][name] for name in ("linear", "other", "fillers"))
+TIME_NAMES: Final[Sequence[str]] = [
+    *_WORDS["columns"]["time"],
     *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
-)  # fmt: skip
-_BARO_NAMES: Final = ("pressure", "baro", "barometer", "pres", "press", "airpressure", "atmosphericpressure", "p")
+]
+_BARO_NAMES: Final[Sequence[str]] = _WORDS["columns"]["baro"]
+LEVEL_NAMES: Final[Sequence[str]] = _WORDS["columns"]["level"]
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
-_PLACE_NAMES: Final = {
-    "m": (("x", "y"), ("posx", "posy"), ("positionx", "positiony"), ("px", "py"), ("gtx", "gty"), ("refx", "refy")),
-    "deg": (("lat", "lon"), ("latitude", "longitude"), ("lat", "lng"), ("lat", "long")),
-}
-LEVEL_NAMES: Final = ("level", "floor", "floorid", "storey")
+_PLACE_NAMES: Final = {unit: _WORDS["columns"][f"place_{unit}"] for unit in ("m", "deg")}
 _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units

@@ -16,20 +16,19 @@ from __future__ import annotations
 
 import contextlib
 import math
-import mmap
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.io.compressed import MAGIC_BYTES, is_compressed, pieces
+from pdrbench.io.compressed import pieces
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
@@ -48,7 +47,6 @@ _MIN_LINE_BYTES: Final = 2
 _MAX_COMMENTS: Final = 1000
 _MAX_STAMPS: Final = 20_000  # of a stream, that say how the two clocks lie
 _UTF8_BOM: Final = b"\xef\xbb\xbf"
-Buffer = bytes | memoryview
 # numbers behind the type: time of the app, time of the sensor, then these; and where they begin among them
 _KINDS: Final = {
     b"ACCE": ("accel", 2, 3),
@@ -166,53 +164,26 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
     )
 
 
-def _chunks(path: Path) -> Iterator[tuple[Buffer, bool]]:
+def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
     """Whole lines of a plain or compressed file, some megabytes at a time, and whether they are the last."""
+    pending, total = b"", 0
     try:
         with path.open("rb") as file:
-            is_packed = is_compressed(file.read(MAGIC_BYTES))
-            size = path.stat().st_size
-            file.seek(0)
-            if size and not is_packed:
-                # closed with its last view: an error that is raised while one is in use must not wait for it
-                yield from _mapped_chunks(path, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), size)
-            else:
-                yield from _packed_chunks(path, file)
+            for piece in pieces(file, path, CHUNK_BYTES):
+                piece = piece if total else piece.removeprefix(_UTF8_BOM)
+                total += len(piece)
+                if total > MAX_TEXT_BYTES:
+                    raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
+                cut = piece.rfind(b"\n") + 1
+                if cut:
+                    yield pending + piece[:cut], False
+                    pending = b""
+                pending += piece[cut:]
+                if len(pending) > CHUNK_BYTES:
+                    _refuse_line(path)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
-
-
-def _mapped_chunks(path: Path, mapped: mmap.mmap, size: int) -> Iterator[tuple[Buffer, bool]]:
-    """The same of a file that is mapped into memory."""
-    if size > MAX_TEXT_BYTES:
-        raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
-    begin = len(_UTF8_BOM) if mapped[:3] == _UTF8_BOM else 0
-    while begin < size:
-        end = size
-        if size - begin > CHUNK_BYTES:
-            end = mapped.rfind(b"\n", begin, begin + CHUNK_BYTES) + 1
-        if not end:
-            _refuse_line(path)
-        yield memoryview(mapped)[begin:end], end == size
-        begin = end
-
-
-def _packed_chunks(path: Path, file: BinaryIO) -> Iterator[tuple[Buffer, bool]]:
-    pending = b""
-    total = 0
-    for piece in pieces(file, path, CHUNK_BYTES):
-        total += len(piece)
-        if total > MAX_TEXT_BYTES:
-            raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
-        cut = piece.rfind(b"\n") + 1
-        if not cut:
-            pending += piece
-            if len(pending) > CHUNK_BYTES:
-                _refuse_line(path)
-            continue
-        yield pending + piece[:cut], False
-        pending = piece[cut:]
     yield pending, True
 
 
@@ -237,7 +208,7 @@ class _Workspace:
 
 
 def _read_chunk(
-    path: Path, chunk: Buffer, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
+    path: Path, chunk: bytes, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
 ) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
     from pdrbench_formats.recordings.log_kernels import parse_lines

@@ -11,58 +11,37 @@ Traps: a workbook or a database may hold several recordings; export one at a tim
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
+
+import msgspec
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.reader import Head, Reader, head_of
 
-_CSV: Final = "export the tables as CSV"
-_MATLAB: Final = (  # timetables, as MATLAB Mobile records them, are objects that MATLAB alone can read
-    "write a table with writetable in MATLAB; of a recording of MATLAB Mobile: "
-    "T = synchronize(Acceleration, AngularVelocity, 'union', 'linear'); "
-    "T.Properties.VariableNames = {'accel_x_mps2','accel_y_mps2','accel_z_mps2',"
-    "'gyro_x_radps','gyro_y_radps','gyro_z_radps'}; "
-    "T.t_s = seconds(T.Timestamp - T.Timestamp(1)); writetable(timetable2table(T), 'walk.csv')"
-)
 
+class _Kind(msgspec.Struct, forbid_unknown_fields=True):
+    """A text by which files of a kind are known, where it stands, what they are, and what to do."""
 
-class _Kind(NamedTuple):
-    """How files of a kind begin, what they are, and what to do."""
-
-    begins: bytes
+    text: str
     what: str
     remedy: str
+    at: int = 0
+
+    @property
+    def content(self) -> bytes:
+        """The text as bytes."""
+        return self.text.encode("latin-1")
 
 
-_KINDS: Final = (
-    _Kind(b"SQLite format 3\0", "an SQLite database", f"{_CSV}; from Sensor Logger, export the zip"),
-    _Kind(b"\xd0\xcf\x11\xe0", "an Excel workbook (.xls)", f"{_CSV}; from phyphox, choose CSV"),
-    _Kind(b"MATLAB 5.0 MAT-file", "a MAT-file", _MATLAB),
-    _Kind(b"MATLAB 7.3 MAT-file", "a MAT-file", _MATLAB),
-    _Kind(b"\x89HDF\r\n\x1a\n", "an HDF5 file of no set that pdrbench knows", _CSV),
-    _Kind(b"PAR1", "a Parquet file", _CSV),
-    _Kind(b"ARROW1", "a Feather file", _CSV),
-    _Kind(b"\x93NUMPY", "a NumPy array", "write it with numpy.savetxt and a header"),
-    _Kind(b"\x80\x04", "a pickle, which is a program", f"{_CSV}; open none from strangers"),
-    _Kind(b"\xfa\xff", "a recording of Xsens (.mtb)", "export it as text in MT Manager"),
-    _Kind(b"7z\xbc\xaf\x27\x1c", "a 7z archive", "unpack it"),
-    _Kind(b"Rar!\x1a\x07", "a RAR archive", "unpack it"),
-    _Kind(b"$G", "NMEA sentences, which hold positions only", "record accelerometer and gyroscope"),
-)
-_TAR: Final = _Kind(b"ustar", "a tar archive", "unpack it and name the folder")
-_TAR_AT: Final = 257  # bytes from the beginning, POSIX.1-1988
-_XML: Final = (
-    _Kind(b"<phyphox", "a saved state of phyphox", "open it in the app and export it as CSV"),
-    _Kind(b"<mvnx", "a recording of Xsens MVN", "export the sensor data as CSV, or read the .mtb in MT Manager"),
-    _Kind(b"<gpx", "a GPX track, which holds positions only", "record accelerometer and gyroscope"),
-    _Kind(b"<kml", "a KML track, which holds positions only", "export the recording as CSV"),
-    _Kind(b"<Workbook", "an Excel workbook", _CSV),
-)
-_MEMBERS: Final = (
-    _Kind(b"xl/workbook.xml", "an Excel workbook (.xlsx)", f"{_CSV}; from phyphox, choose CSV"),
-    _Kind(b"content.xml", "an OpenDocument file", _CSV),
-    _Kind(b"word/document.xml", "a Word document", _CSV),
-)
+class _Kinds(msgspec.Struct, forbid_unknown_fields=True):
+    """Files known by how they begin, by an element of XML, and by a member of an archive."""
+
+    begins: list[_Kind]
+    element: list[_Kind]
+    member: list[_Kind]
+
+
+_KNOWN: Final = msgspec.toml.decode((Path(__file__).parents[1] / "other_programs.toml").read_bytes(), type=_Kinds)
 
 
 def read(path: Path | str) -> None:
@@ -80,16 +59,12 @@ def sniff(head: Head) -> bool:
 
 def _kind(head: Head) -> _Kind | None:
     if head.container is not None:
-        names = [name.encode() for name in head.container.sizes]
-        prefix = head.container.prefix.encode()
-        found = (kind for kind in _MEMBERS if any(prefix + name == kind.begins for name in names))
-        return next(found, None) if head.container.is_zip else None
+        names = {head.container.prefix + name for name in head.container.sizes} if head.container.is_zip else set()
+        return next((kind for kind in _KNOWN.member if kind.text in names), None)
     begin = head.content[:4096].lstrip()
     if begin.startswith(b"<"):
-        return next((kind for kind in _XML if kind.begins in begin), None)
-    if head.content[_TAR_AT:].startswith(_TAR.begins):
-        return _TAR
-    return next((kind for kind in _KINDS if head.content.startswith(kind.begins)), None)
+        return next((kind for kind in _KNOWN.element if kind.content in begin), None)
+    return next((kind for kind in _KNOWN.begins if head.content.startswith(kind.content, kind.at)), None)
 
 
 READER: Final = Reader(read, sniff, fallback=True)

@@ -6,9 +6,11 @@ Each kind that is read begins with a header and ends in a fixed count of numbers
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import functools
+import operator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -111,101 +113,39 @@ def _select(kind: str, numbers: FloatArray) -> FloatArray:
     return np.column_stack([numbers[:, 13:16], numbers[:, 25:28], numbers[:, [3, 0, 1, 2]], numbers[:, 4], spread])
 
 
-class _Vector(msgspec.Struct, gc=False):
-    x: float | None
-    y: float | None
-    z: float | None
-
-
-class _Quaternion(_Vector, gc=False):
-    w: float | None
-
-
-class _Stamp(msgspec.Struct, gc=False):
-    sec: int = 0
-    nanosec: int = 0
-    nsec: int = 0
-
-
-class _Header(msgspec.Struct, gc=False):
-    stamp: _Stamp = msgspec.field(default_factory=_Stamp)
-
-
-class _Message(msgspec.Struct, gc=False, kw_only=True):
-    header: _Header = msgspec.field(default_factory=_Header)
-
-
-class _Imu(_Message):
-    angular_velocity: _Vector
-    linear_acceleration: _Vector
-    orientation: _Quaternion
-    orientation_covariance: tuple[float | None, ...] = ()
-
-
-class _Field(_Message):
-    magnetic_field: _Vector
-
-
-class _Pressure(_Message):
-    fluid_pressure: float | None
-
-
-class _Position(msgspec.Struct, gc=False):
-    position: _Vector
-
-
-class _Pose(_Message):
-    pose: _Position
-
-
-class _Within(msgspec.Struct, gc=False):
-    pose: _Position
-
-
-class _PoseWithCovariance(_Message):
-    pose: _Within
-
-
-class _Translation(msgspec.Struct, gc=False):
-    translation: _Vector
-
-
-class _Transform(_Message):
-    transform: _Translation
-
-
-def _xyz(v: _Vector) -> tuple[float | None, ...]:
-    return v.x, v.y, v.z
-
-
-def _imu_numbers(m: _Imu) -> tuple[float | None, ...]:
-    w, a, q, covariance = m.angular_velocity, m.linear_acceleration, m.orientation, m.orientation_covariance
-    known = covariance[0] if covariance else 0.0
-    return w.x, w.y, w.z, a.x, a.y, a.z, q.w, q.x, q.y, q.z, known, sum(abs(c or 0.0) for c in covariance)
-
-
-_JSON: Final[Mapping[str, tuple[type[_Message], Callable[[Any], tuple[float | None, ...]]]]] = {
-    IMU: (_Imu, _imu_numbers),
-    "MagneticField": (_Field, lambda m: _xyz(m.magnetic_field)),
-    "FluidPressure": (_Pressure, lambda m: (m.fluid_pressure,)),
-    "PoseStamped": (_Pose, lambda m: _xyz(m.pose.position)),
-    "PoseWithCovarianceStamped": (_PoseWithCovariance, lambda m: _xyz(m.pose.pose.position)),
-    "TransformStamped": (_Transform, lambda m: _xyz(m.transform.translation)),
-    ODOMETRY: (_PoseWithCovariance, lambda m: _xyz(m.pose.pose.position)),
+_XYZ: Final = ("x", "y", "z")
+_JSON: Final[Mapping[str, tuple[str, ...]]] = {  # members of a message in JSON, down to the numbers
+    IMU: (
+        *(f"angular_velocity.{axis}" for axis in _XYZ),
+        *(f"linear_acceleration.{axis}" for axis in _XYZ),
+        *(f"orientation.{axis}" for axis in ("w", *_XYZ)),
+    ),
+    "MagneticField": tuple(f"magnetic_field.{axis}" for axis in _XYZ),
+    "FluidPressure": ("fluid_pressure",),
+    "PoseStamped": tuple(f"pose.position.{axis}" for axis in _XYZ),
+    "PoseWithCovarianceStamped": tuple(f"pose.pose.position.{axis}" for axis in _XYZ),
+    "TransformStamped": tuple(f"transform.translation.{axis}" for axis in _XYZ),
+    ODOMETRY: tuple(f"pose.pose.position.{axis}" for axis in _XYZ),
 }
 
 
 def _from_json(topic: Topic, label: str) -> tuple[NDArray[np.int64], FloatArray]:
-    kind, numbers_of = _JSON[topic.kind]
-    decoder = msgspec.json.Decoder(kind)
+    paths = [tuple(path.split(".")) for path in _JSON[topic.kind]]
     stamps: list[int] = []
-    rows: list[tuple[float | None, ...]] = []
+    rows: list[list[float | None]] = []
     try:
         for content in topic.messages:
-            message = decoder.decode(content)
-            stamp = message.header.stamp
-            stamps.append(stamp.sec * 10**9 + (stamp.nanosec or stamp.nsec))
-            rows.append(numbers_of(message))
+            message = msgspec.json.decode(content)
+            stamp = message.get("header", {}).get("stamp", {})
+            stamps.append(int(stamp.get("sec", 0)) * 10**9 + int(stamp.get("nanosec", 0) or stamp.get("nsec", 0)))
+            row = [functools.reduce(operator.getitem, path, message) for path in paths]
+            if topic.kind == IMU:
+                covariance = message.get("orientation_covariance") or [0.0]
+                row += [covariance[0], sum(abs(value or 0.0) for value in covariance)]
+            rows.append(row)
         return np.array(stamps, dtype=np.int64), np.array(rows, dtype=np.float64)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, OverflowError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, *_ODD) as error:
         raise RecordingError(f"{label}: message {len(rows) + 1}: no {topic.kind}: {error}; record it again") from error
+
+
+_ODD: Final = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError)  # of other members
