@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -26,7 +24,6 @@ from pdrbench_formats.detect import detect, unpacked
 from pdrbench_formats.detect import read as read_file
 from pdrbench_formats.maps.plan import Plan
 
-LARGE_BYTES: Final = 128 << 20  # of a file that takes long enough to be watched
 TABLE: Final = "csv"  # format of tables of numbers, which a column map explains
 RESULT: Final = "result"  # format of what `run --out` leaves
 VECTORS: Final = ("accel", "gyro", "mag")  # a wrong unit shows in the mean length: 9.8 m/s2, 1 rad/s, 25 to 65 uT
@@ -93,9 +90,6 @@ def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Pa
         return RESULT, store.load(file)
     kind = detect(file) if kind is None else kind
     options: dict[str, Any] = {"strict": strict} if columns is None else {"strict": strict, "columns": columns}
-    if file.is_file() and file.stat().st_size > LARGE_BYTES and "progress" in READERS[kind].options:
-        with _progress_of_bytes(file) as options["progress"]:
-            return kind, read_file(file, kind, **options)
     return kind, read_file(file, kind, **options)
 
 
@@ -187,16 +181,3 @@ def _short(value: object) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-@contextlib.contextmanager
-def _progress_of_bytes(file: Path) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error while a file is read, moved by the bytes that were read; nothing in a log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    shown = Console(file=sys.stderr, markup=False)
-    with Progress(*columns, console=shown, transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(file.name, total=file.stat().st_size)
-        yield lambda num_bytes: bar.advance(task, num_bytes)

@@ -99,18 +99,19 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         lines = ["[columns]"]
         for name, value in msgspec.to_builtins(self).items():
             unit = f"{name}_unit"
-            lines.append(f"{name} = {_toml(value)}")
+            lines.append(f"{name} = {toml_value(value)}")
             if hasattr(self, unit) and f"{unit} = " not in "\n".join(lines) and unit not in msgspec.to_builtins(self):
-                lines.append(f"{unit} = {_toml(getattr(self, unit))}")
+                lines.append(f"{unit} = {toml_value(getattr(self, unit))}")
         return "\n".join(lines) + "\n"
 
 
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
+def toml_value(value: object) -> str:
+    """A value of TOML."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + " }"
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_toml(item) for item in value)}]"
-    return msgspec.json.encode(value).decode()
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return repr(value) if isinstance(value, float) else msgspec.json.encode(value).decode()
 
 
 def read_column_map(source: Path | str | Mapping[str, Any] | ColumnMap) -> ColumnMap:

@@ -18,7 +18,7 @@ import contextlib
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -98,13 +98,12 @@ class _Parts:
         self.num_damaged += 1
 
 
-def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], None] | None = None) -> Log:
+def read(path: Path | str, *, strict: bool = True) -> Log:
     """Reads one log, a few megabytes at a time.
 
     Args:
         path: Of the log.
         strict: As in `pdrbench_formats.recordings.assemble.assemble`.
-        progress: Called with the bytes that were read since it was last called.
 
     Raises:
         RecordingError: Names file, line and remedy.
@@ -124,8 +123,6 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
                 f"{path}: line {line}: {span_s / 3600:.0f} h after the first record, expected a walk of at most "
                 f"{MAX_WALK_S / 3600:.0f}; split the log into walks"
             )
-        if progress is not None:
-            progress(len(chunk))
     if not num_records:
         raise RecordingError(f"{path}: no record of GetSensorData among {line - 1} lines; is it another app's log?")
     offset_s = _offsets(parts, tally)
@@ -460,4 +457,4 @@ def sniff(head: Head) -> bool:
     return head.container is None and _RECORD.search(head.content) is not None
 
 
-READER: Final = Reader(read, sniff, options=("strict", "progress"))
+READER: Final = Reader(read, sniff, options=("strict",))

@@ -58,25 +58,9 @@ _VECTORS: Final = (
     "MagnetometerUncalibrated",
 )
 _USED: Final = (*_VECTORS, "Orientation", "Barometer", "WiFi", "Bluetooth")
-_KNOWN: Final = {
-    *_USED,
-    "Metadata",
-    "Annotation",
-    "Location",
-    "Pedometer",
-    "Compass",
-    "Activity",
-    "Battery",
-    "Light",
-    "Brightness",
-    "Microphone",
-    "Network",
-    "Camera",
-    "GameOrientation",
-    "GeomagneticOrientation",
-}
 _SYSTEM: Final = {True: "an iPhone", False: "Android"}
 _JSON_START: Final = b'"sensor"'
+_TABLE_START: Final = b"time,seconds_elapsed"
 _G_RANGE: Final = (0.5, 2.0)  # median length of an accelerometer in g
 _TURN_EAST: Final = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # x north, y west to x east, y north: +90° about z
 
@@ -349,10 +333,8 @@ def sniff(head: Head) -> bool:
         begin = head.content[:4096].lstrip()
         if begin.startswith(b"[") and _JSON_START in begin and b"seconds_elapsed" in head.content:
             return True
-        stem = PurePosixPath(plain_name(head.path.name)).stem
-        return stem in _KNOWN and begin.startswith(b"time,seconds_elapsed")
-    csvs = [name for name in head.members(".csv") if PurePosixPath(name).stem in _KNOWN]
-    if any(head.peek(name).startswith(b"time,seconds_elapsed") for name in csvs):
+        return PurePosixPath(plain_name(head.path.name)).stem in _USED and begin.startswith(_TABLE_START)
+    if any(head.peek(name).startswith(_TABLE_START) for name in head.members(".csv")):
         return True
     return any(
         head.peek(name).lstrip().startswith(b"[") and b"seconds_elapsed" in head.peek(name)

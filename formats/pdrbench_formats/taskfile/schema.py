@@ -15,6 +15,7 @@ import msgspec
 
 from pdrbench.errors import RecordingError
 from pdrbench.task import StartKnowledge
+from pdrbench_formats.recordings.columnmap import toml_value
 
 MAX_FILE_BYTES: Final = 1 << 20
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -257,20 +258,9 @@ def _add_table(lines: list[str], name: str, table: Mapping[str, Any]) -> None:
     values = {k: v for k, v in table.items() if k not in inner and k not in lists}
     if name and (values or not inner):
         lines += ["", f"[{name}]"]
-    lines += [f"{key} = {_text(value)}" for key, value in values.items()]
+    lines += [f"{key} = {toml_value(value)}" for key, value in values.items()]
     for key, value in inner.items():
         _add_table(lines, f"{name}.{key}" if name else key, value)
     for key, rows in lists.items():
         for row in rows:
             _add_table(lines, f"[{key}]", row)
-
-
-def _text(value: object) -> str:
-    """A value of TOML."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_text(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_text, value)) + "]"
-    if isinstance(value, float):
-        return repr(value)
-    return msgspec.json.encode(value).decode()
