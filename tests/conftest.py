@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import ctypes
 import itertools
@@ -33,6 +32,9 @@ from pdrbench_sim.buildings.office import make_office
 # Matrices are small: where processes share the cores, threads for them wait ten times as long as they work.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of libraries that are loaded later, and of children
 threadpool_limits(1, user_api="blas")
+# A hundred processes would compile every module of this house again, each for itself.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # How long drawing takes says how busy a machine is, and nothing of what is tested.
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
@@ -270,11 +272,6 @@ class Page:
         """The size of the window in pixels."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
 
-    def screenshot(self, path: Path, whole: bool = False) -> None:
-        """A picture of the page."""
-        answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(answer["data"]))
-
     def complaints(self) -> list[str]:
         """Console messages since the page was opened: errors, exceptions, policy violations."""
         self.run("1")  # takes what is still in the pipe
@@ -286,14 +283,6 @@ class Page:
             if event.get("method") == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
                 said.append(parameters["entry"]["text"])
         return said
-
-    def asked_for(self) -> list[str]:
-        """Addresses requested since the page was opened."""
-        return [
-            event["params"]["request"]["url"]
-            for event in self.events
-            if event.get("method") == "Network.requestWillBeSent"
-        ]
 
 
 @contextlib.contextmanager
