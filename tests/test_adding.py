@@ -1,7 +1,6 @@
 """One file and one line add an environment, a localizer, a metric, a reader, a sensor or a command.
 
-From outside: a package with entry points on the path. From inside: a copy of the product with one file and one line
-more for each kind. The commands list and use what was added.
+A package with entry points on the path; the commands list and use what was added.
 """
 
 from __future__ import annotations
@@ -126,15 +125,6 @@ FILES = {
         """,
     ),
 }  # fmt: skip
-# By kind, inside: the module that gets the file as a neighbour, and the table in it that gets the line.
-INSIDE = {
-    "sensor": ("pdrbench.sensors", "BUILTIN"),
-    "environment": ("pdrbench_envs", "ENVIRONMENTS"),
-    "localizer": ("pdrbench_baselines", "LOCALIZERS"),
-    "metric": ("pdrbench.metrics", "BUILTIN"),
-    "reader": ("pdrbench.io", "BUILTIN"),
-    "command": ("pdrbench.cli", "COMMANDS"),
-}
 COMMANDS = [
     *(["list", kind, "--json"] for kind in ("localizers", "metrics", "sensors", "formats")),
     ["check", "env", "Tiny-v0", "--json"],

@@ -13,8 +13,6 @@ from pdrbench.datasets.download import fetch_into
 from pdrbench.datasets.integrity import locate
 from pdrbench.errors import DatasetError
 
-PATH = "data/Samsung_A_Hard_InHand_1/stepcounter.csv.gz"
-
 
 @pytest.fixture
 def folder(small: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -21,13 +21,12 @@ from sklearn.tree import DecisionTreeClassifier
 
 from pdrbench.evaluation.randomness import generator, secret_nonce
 from pdrbench.recording import Recording
-from pdrbench.registry import ENVIRONMENTS_GROUP, entries, make_task
+from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, Task
 
 SECRET = hashlib.sha256(b"a classifier knows nothing").hexdigest()  # fixed: guesses share trees, so they vary more
 NUM_WALKS = 8  # of each split, at most
 QUICK = ("CampusStride-v1",)
-ALL = tuple(name for name in sorted(entries(ENVIRONMENTS_GROUP)) if make_task(name).held_out is not None)
 ALPHA = 1e-3  # so rarely a classifier that knows nothing is as often right as that
 BOUNDS = (-1.0, -0.5, 0.0, *(m * 10.0**k for k in range(-3, 16) for m in (1, 2, 5)), *range(3, 13))
 Handed = dict[str, Any]  # what a localizer is handed before a walk, flat

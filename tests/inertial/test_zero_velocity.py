@@ -14,7 +14,6 @@ from pdrbench.inertial import DETECTORS, Detector, Rest, RestDetector, detect
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2, soft_sigma, statistic, window_rows
 from pdrbench_sim.foot.known_walk import walk
 
-STATISTICS = ("shoe", "are", "mv", "mag")
 SCALES = (0.01, 0.002, GRAVITY_MPS2)
 
 

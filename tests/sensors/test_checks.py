@@ -34,13 +34,16 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "half the rate": (lambda t, a, w: (2 * t, a, w), r"multiply the times by 0\.5|look like sample|needed"),
     "twice the rate": (lambda t, a, w: (t / 2, a, w), "multiply the times by 2"),
     "too slow": (lambda t, a, w: (t[::16], a[::16], w[::16]), "and 20 are needed"),
-    "degrees": (lambda t, a, w: (t, a, np.degrees(w)), "looks like degree/s"),
+    "degrees": (lambda t, a, w: (t, a, np.degrees(w)), "looks like degree/s: .*multiply by pi/180"),
     "radians twice": (lambda t, a, w: (t, a, np.radians(w)), "converted from degree/s twice"),
     "g": (lambda t, a, w: (t, a / 9.80665, w), r"multiply by 9\.80665 \(by -9\.80665 where it comes from CoreMotion"),
     "m/s2 twice": (lambda t, a, w: (t, a * 9.80665, w), "converted twice"),
     "no gravity": (lambda t, a, w: (t, a - 9.8 * a.mean(0) / np.linalg.norm(a.mean(0)), w), "gravity was taken out"),
     "shapes": (lambda t, a, w: (t, a[:, :2], w), r"needs t_s \(n,\), accel \(n, 3\) and gyro \(n, 3\); got"),
     "NaN": (lambda t, a, w: (t, a * np.nan, w), "only 0 usable samples"),
+    "nothing": (lambda t, a, w: (t[:0], a[:0], w[:0]), "only 0 usable samples"),
+    "mg": (lambda t, a, w: (t, a / 0.00980665, w), r"looks like mg: .*multiply by 0\.00980665"),
+    "swapped": (lambda t, a, w: (t, w, a), "accelerometer"),
 }
 
 UNITS = ("milliseconds", "sample numbers", "half the rate", "twice the rate", "degrees", "radians twice", "g")
@@ -69,8 +72,9 @@ def recorded(data_root: Path, name: str) -> Iterator[tuple[Path, Arrays]]:
 def test_a_fault_is_refused_with_its_name_by_navigate(fault: str) -> None:
     spoil, message = FAULTS[fault]
     for function in (navigate, navigate_smoothed):
-        with pytest.raises(RecordingError, match=message):
+        with pytest.raises(RecordingError, match=message) as refused:
             function(*spoil(*made()))
+        assert "\n" not in str(refused.value)
 
 
 def refused(arrays: Arrays) -> bool:
