@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
 import subprocess
 import sys
@@ -76,15 +75,6 @@ def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
     for other in others:
         assert not (generator(*other).random(4) == first).any()
     assert (generator(*others[-1]).random(4) == generator(*others[-1]).random(4)).all()
-
-
-def test_randomness_without_a_nonce_is_that_of_stored_results() -> None:
-    digest = np.frombuffer(hashlib.sha256(b"CampusStride-v1\nw").digest(), dtype="<u4").tolist()
-    before = np.random.default_rng(np.random.SeedSequence([3, *digest]))
-    task = make_task("CampusStride-v1")
-    now = generator(3, task, "w")
-    assert (now.random(9) == before.random(9)).all()
-    assert (now.spawn(2)[1].random(9) == before.spawn(2)[1].random(9)).all(), "localizers that spawn had those"
 
 
 def test_a_generator_names_neither_seed_nor_walk_and_its_children_are_the_same_each_time() -> None:
@@ -219,19 +209,6 @@ def test_a_walk_over_which_a_worker_ended_is_not_shown_again(localizer: Spec, tm
     assert "not played again" in result.failure
     (honest,) = evaluate(names[1:], ENV, **options).results
     assert honest.status == "complete", "a new worker"
-
-
-def test_a_killed_process_is_not_shown_its_walk_again(localizer: Spec, tmp_path: Path) -> None:
-    mark = tmp_path / "mark"
-    (result,) = evaluate(localizer("KilledOnce"), ENV, walks=1, **reaching(mark)).results  # type: ignore[arg-type]
-    assert (result.status, mark.read_text()) == ("failed", "x"), "one pass"
-    assert "SIGKILL" in result.failure
-    assert len(result.estimates) == 4, "what was answered before is kept"
-
-
-def reaching(path: Path) -> dict[str, object]:
-    """Arguments with which a localizer can write a file: no confinement, and the name of the file."""
-    return {"seeds": 1, "isolation": "process", "parameters": {"path": str(path)}}
 
 
 def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,14 +24,14 @@ SCRIPT = """
 import sys
 sys.path[:] = sys.argv[3].split(":")
 from pdrbench.evaluation import evaluate
-evaluate(sys.argv[1], "Corridor-v0", walks=int(sys.argv[4]), jobs=2, out=sys.argv[2], seeds=1)
+evaluate(sys.argv[1], "Corridor-v0", walks=int(sys.argv[4]), jobs=int(sys.argv[5]), out=sys.argv[2], seeds=1)
 """
 
 
-def start(spec: str, out: Path, loads: Path, walks: int) -> subprocess.Popen[bytes]:
+def start(spec: str, out: Path, loads: Path, walks: int, jobs: int = WORKERS) -> subprocess.Popen[bytes]:
     """A sweep in a process group of its own; every walk that a worker begins is noted in `loads`."""
     return subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, spec, str(out), ":".join(sys.path), str(walks)],
+        [sys.executable, "-c", SCRIPT, spec, str(out), ":".join(sys.path), str(walks), str(jobs)],
         env=os.environ | {"CORRIDOR_LOADS": str(loads)},
         start_new_session=True,
         stderr=subprocess.PIPE,
@@ -149,7 +149,7 @@ def test_a_killed_sweep_loses_repeats_and_tears_no_result(
 
 def test_two_sweeps_on_one_folder_divide_the_work(localizer: Callable[[str], str], tmp_path: Path) -> None:
     out, loads = tmp_path / "out", tmp_path / "loads"
-    sweeps = [start(localizer("Slow"), out, loads, walks=12) for _ in range(2)]
+    sweeps = [start(localizer("Slow"), out, loads, walks=12, jobs=1) for _ in range(2)]
     assert [sweep.wait() for sweep in sweeps] == [0, 0]
     assert len(load_results(out)) == 12
     assert len(begun(loads)) == 12, "none computed twice"
@@ -179,7 +179,7 @@ def test_workers_that_are_killed_leave_no_folder(localizer: Callable[[str], str]
     script = f"{SCRIPT}\nfrom pdrbench.evaluation import pool\npool.discard()\n"
     out, temporary = tmp_path / "out", tmp_path / "temporary"
     temporary.mkdir()
-    command = [sys.executable, "-c", script, localizer("Good"), str(out), ":".join(sys.path), "4"]
+    command = [sys.executable, "-c", script, localizer("Good"), str(out), ":".join(sys.path), "4", "2"]
     subprocess.run(command, env=os.environ | {"TMPDIR": str(temporary)}, check=True)
     assert len(digests(out)) == 4
     assert not list(temporary.iterdir())

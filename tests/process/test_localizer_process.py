@@ -171,16 +171,6 @@ def test_estimates_fields_and_missing_answers_are_the_same_as_in_this_process(
         assert getattr(apart.estimates, column).tobytes() == getattr(here.estimates, column).tobytes(), column
 
 
-def test_a_registered_localizer_answers_the_same_in_every_process() -> None:
-    found = [
-        evaluate("dead_reckoning", ENV, split="val", walks=1, isolation=kind, seeds=1).results[0]
-        for kind in ("none", "process")
-    ]
-    assert [result.status for result in found] == ["complete"] * 2
-    assert found[0].estimates.xy_m.tobytes() == found[1].estimates.xy_m.tobytes()
-    assert found[0].estimates.sigma_m.tobytes() == found[1].estimates.sigma_m.tobytes()
-
-
 def test_a_localizer_is_made_and_compiled_once_for_all_its_walks(odd: Path) -> None:
     results = evaluate(f"{odd}:Compiles", ENV, split="val", walks=3, seeds=1).results
     assert [result.status for result in results] == ["complete"] * 3, results[0].failure
@@ -211,18 +201,6 @@ def test_the_process_stays_where_a_localizer_raises_and_ends_where_it_hangs(
     hangs.close()
     assert not psutil.pid_exists(pids[0])
     assert pid_of(start("Walks")) not in pids
-
-
-def test_a_source_that_changes_is_loaded_anew(tmp_path: Path, start: Start, walk: tuple[Task, Recording]) -> None:
-    file = tmp_path / "mine.py"
-    for level in (1, 2):
-        file.write_text(textwrap.dedent(ODD).replace("Estimate(self.xy_m, -2", f"Estimate(self.xy_m, {level}"))
-        terms = Terms("process", BUDGET, 0.2, 1000)
-        localizer = LocalizerProcess(f"{file}:Walks", f"{file}:Walks", parameters={}, terms=terms)
-        localizer.start()
-        brief(localizer, walk)
-        assert localizer.step(observation()).level == level
-        localizer.close()
 
 
 OWNER = """

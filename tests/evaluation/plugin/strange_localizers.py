@@ -157,8 +157,8 @@ class ExitsHard(Good):
         os._exit(7)
 
 
-class KilledOnce(Good):
-    """Is killed in its first pass, as by a system that is short of memory, and would answer in a second one."""
+class KillsTheWorkerOnce(Good):
+    """Kills the process that started its own, which only an unconfined one can, and would answer in a second pass."""
 
     def __init__(self, path: str) -> None:
         super().__init__()
@@ -168,19 +168,9 @@ class KilledOnce(Good):
         passes = len(self.mark.read_text()) if self.mark.exists() else 0
         self.mark.write_text("x" * (passes + 1))
         if not passes:
-            self.kill()
+            os.kill(os.getppid(), 9)
+            time.sleep(60)
         return None
-
-    def kill(self) -> None:
-        os.kill(os.getpid(), 9)
-
-
-class KillsTheWorkerOnce(KilledOnce):
-    """Kills the process that started its own, which only an unconfined localizer can."""
-
-    def kill(self) -> None:
-        os.kill(os.getppid(), 9)
-        time.sleep(60)
 
 
 class Oracle:
