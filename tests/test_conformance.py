@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +16,7 @@ import pytest
 
 from pdrbench.errors import DatasetError
 from pdrbench.gym import check_localizer, check_task, localizer_checks
-from pdrbench.gym.checking import Check, only
+from pdrbench.gym.checking import Check
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import (
     ENVIRONMENTS_GROUP,
@@ -38,13 +37,6 @@ LOCALIZERS = sorted(name for name, entry in localizers().items() if entry.packag
 SMALL = "CampusStride-v1"  # the environment of the default run where one is enough
 BEGIN_S = 12.0  # of a walk: it has steps, scans and all first looks
 SCANS_LEFT_OUT = 6  # for each that is kept: what is fitted to a survey takes as long as it is large
-
-
-@functools.cache
-def one_walk(name: str) -> Task:
-    """The task with one test walk, which is loaded and briefed once."""
-    task = make_task(name)
-    return only(task, task.load(task.split("test")[0]))
 
 
 def made_once(survey: Callable[[Recording], Any]) -> Callable[[Recording], Any]:
@@ -122,18 +114,6 @@ def test_localizer_conforms(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if missing and "DatasetError" in missing[0].why:
         pytest.skip(f"{name}: {missing[0].why}")
     assert_passed(checks)
-
-
-@pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_the_checker_of_stable_baselines_passes(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gymnasium's own is part of `check_task`."""
-    sb3_checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    task_or_skip(name)
-    monkeypatch.setattr("pdrbench.gym.env.make_task", one_walk)
-    env = gymnasium.make(f"pdrbench/{name}", split="test", claims=("heading", "sigma", "converged")).unwrapped
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it wishes for actions normalised to [-1, 1], ours are metres
-        sb3_checker.check_env(env)
 
 
 @pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])

@@ -1,4 +1,4 @@
-"""The smoother, a modified Bryson-Frazier one, against the truth; `test_twins` has it against matrices."""
+"""The smoother, a modified Bryson-Frazier one, against the truth; tests of the laboratory have it against matrices."""
 
 from __future__ import annotations
 

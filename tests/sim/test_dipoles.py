@@ -10,7 +10,7 @@ import pytest
 from pdrbench.building import FloorRegion
 from pdrbench.errors import MapError
 from pdrbench_sim.fields.dipoles import DipoleParams, Dipoles, draw_dipoles
-from pdrbench_sim.fields.magnetic import MagneticParams, Sheet, draw_magnetic_field
+from pdrbench_sim.fields.magnetic import MagneticParams, Sheet, draw_field
 
 SIDE_M = 200.0
 SQUARE = FloorRegion(
@@ -69,7 +69,7 @@ def test_without_dipoles_the_rest_of_the_field_stays_as_it_is():
     at_m = np.column_stack([np.random.default_rng(5).uniform(0, 100, (50, 2)), np.ones(50)])
     none = Sheet(sigma_ut=0.0, at_m=1.0, depth_m=1.0, order=2, num_waves=1)
     fields = [
-        draw_magnetic_field(np.random.default_rng(6), [0.0], params)
+        draw_field(np.random.default_rng(6), [0.0], [SQUARE], params)
         for params in (
             MagneticParams(),
             MagneticParams(dipoles=DipoleParams(per_m2=0.0)),

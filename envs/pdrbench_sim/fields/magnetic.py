@@ -184,36 +184,17 @@ def make_magnetic_field(
     whole = FloorRegion.whole(building)
     level = building.level(whole.polygon)
     parts = [whole.restricted(level == number) for _, number in floor]
-    return _draw_field(rng, [height_m for height_m, _ in floor], parts, params)
+    return draw_field(rng, [height_m for height_m, _ in floor], parts, params)
 
 
-def draw_magnetic_field(
-    rng: np.random.Generator,
-    floor_m: ArrayLike,
-    params: MagneticParams | None = None,
-    dipole_bounds_m: tuple[float, float, float, float] = (0.0, 0.0, 100.0, 100.0),
+def draw_field(
+    rng: np.random.Generator, floor_m: ArrayLike, floors: Sequence[FloorRegion], params: MagneticParams | None
 ) -> MagneticField:
-    """Draws a field that is independent on each level; a level more does not change those below it.
-
-    Args:
-        rng: Two fields from generators in the same state are equal byte for byte.
-        floor_m: (L,) heights of the levels, increasing.
-        params: None for the defaults.
-        dipole_bounds_m: Least x and y, greatest x and y of the rectangle in which dipoles lie, on each level.
+    """Draws a field whose dipoles lie under the floor of each level; a level more does not change those below it.
 
     Raises:
         MapError: No level, or heights that do not increase.
     """
-    west, south, east, north = dipole_bounds_m
-    corners = np.array([[[west, south], [east, south], [east, north]], [[west, south], [east, north], [west, north]]])
-    region = FloorRegion(corners, np.zeros(2, dtype=np.int64))
-    return _draw_field(rng, floor_m, [region] * np.size(floor_m), params)
-
-
-def _draw_field(
-    rng: np.random.Generator, floor_m: ArrayLike, floors: Sequence[FloorRegion], params: MagneticParams | None
-) -> MagneticField:
-    """A field whose dipoles lie under the floor of each level."""
     params = params or MagneticParams()
     floor_m = np.array(floor_m, dtype=np.float64)
     if floor_m.ndim != 1 or not len(floor_m) or not np.isfinite(floor_m).all() or not (np.diff(floor_m) > 0).all():

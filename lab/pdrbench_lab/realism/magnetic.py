@@ -23,7 +23,8 @@ from pdrbench_lab.realism.block import (
     statistics,
 )
 from pdrbench_lab.realism.phone_walks import DATASET, NUM_WALKS, recorded_walks, resampled, synthetic_walks
-from pdrbench_sim.fields.magnetic import FOOT_M, draw_magnetic_field
+from pdrbench_lab.realism.wide_field import draw_magnetic_field
+from pdrbench_sim.fields.magnetic import FOOT_M
 from pdrbench_sim.people.body_line import arc_length_m
 
 LAGS_M: Final = (0.75, 2.5, 3.5, 5.0, 7.0, 10.0)  # sources.md 1.7

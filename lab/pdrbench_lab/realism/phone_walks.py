@@ -19,7 +19,8 @@ from pdrbench.sensors import sensor_spec
 from pdrbench_lab.realism.block import Block, Control, Part, RealismStatistic, Values
 from pdrbench_lab.realism.phone_rows import phone_rows
 from pdrbench_lab.realism.survey_walk import survey_walk
-from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
+from pdrbench_lab.realism.wide_field import draw_magnetic_field
+from pdrbench_sim.fields.magnetic import MagneticParams
 from pdrbench_sim.people.strides import stances
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.phone import phone_motion

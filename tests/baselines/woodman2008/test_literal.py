@@ -50,18 +50,6 @@ def test_turns_first_then_walks_with_the_noise_of_each_role(hangar: Building, rn
     assert abs(np.corrcoef(length_m, cloud.heading_rad)[0, 1]) < 4 * standard_error
 
 
-@pytest.mark.parametrize(("clip_length", "fraction_behind"), [(False, 0.5), (True, 0.0)])
-def test_strides_without_length_go_backwards_unless_clipped(
-    hangar: Building, rng: np.random.Generator, clip_length: bool, fraction_behind: float
-) -> None:
-    made = started(hangar, rng, 0, 20.0, 20.0, clip_length=clip_length)
-    made.update(0.0, 0.0, 0.0)
-    behind = made.cloud().xy_m[:, 0] < 20.0
-    assert behind.mean() == pytest.approx(fraction_behind, abs=4 * 0.5 / math.sqrt(MANY))
-    made.update(-0.5, 0.0, 0.0)
-    assert made.cloud().xy_m[:, 0].mean() < 20.06
-
-
 def test_walls_kill_and_only_walls(stairs: Building, rng: np.random.Generator) -> None:
     made = started(stairs, rng, 0, 5.0, 1.0)  # a metre before the wall beside the flight
     made.update(1.1, 3.0, 0.0)  # a rise that no floor has
@@ -136,26 +124,8 @@ def test_prior_is_uniform_over_area_and_heading(stairs: Building, rng: np.random
     assert (stairs.contains(cloud.xy_m, stairs.level(cloud.polygon))).all()
 
 
-def test_limits_of_the_number_of_particles(stairs: Building, rng: np.random.Generator) -> None:
-    made = LiteralFilter(stairs, rng, WoodmanFilterParams(min_particles=10, max_particles=500))
-    made.start(FloorRegion.whole(stairs))
-    assert made.num_particles == 500
-    made.start(spot(0, 3.0, 3.0), EAST)
-    assert made.num_particles == 10
-
-
 def test_unsupported_options_are_errors(stairs: Building, rng: np.random.Generator) -> None:
-    made = LiteralFilter(stairs, rng)
     with pytest.raises(FilterError, match="call start"):
-        made.update(1.0, 0.0, 0.0)
-    with pytest.raises(FilterError, match="covers no floor"):
-        made.start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0, dtype=np.int64)))
-    made.start(spot(0, 5.0, 1.0), EAST)
-    with pytest.raises(FilterError, match="give finite numbers"):
-        made.update(math.nan, 0.0, 0.0)
-    made.update(4.5, 0.0, 0.0)
-    assert made.is_depleted
-    with pytest.raises(FilterError, match="no particle is alive"):
-        made.update(1.0, 0.0, 0.0)
+        LiteralFilter(stairs, rng).update(1.0, 0.0, 0.0)
     with pytest.raises(FilterError, match="larger"):
         LiteralFilter(stairs, rng, WoodmanFilterParams(bin_m=1e-4))

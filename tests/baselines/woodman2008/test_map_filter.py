@@ -1,4 +1,4 @@
-"""The fast filter: priors, strides, generations, against the literal one and against itself."""
+"""The fast filter: priors, strides, generations, against the literal one and against itself; in part both of them."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from pdrbench_baselines.woodman2008.map_filter import FULL_TURN_RAD, WoodmanFilt
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 
 W = -1
+Kind = type[WoodmanFilter | LiteralFilter]
+both = pytest.mark.parametrize("kind", [WoodmanFilter, LiteralFilter])
 
 
 def square(side_m: float = 40.0) -> Building:
@@ -89,8 +91,9 @@ def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator
     assert cloud.heading_rad.mean() == pytest.approx(0.75, abs=1e-3)
 
 
-def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generator) -> None:
-    particles = WoodmanFilter(square(), rng)
+@both
+def test_backward_and_zero_strides_are_walked_as_they_are(kind: Kind, rng: np.random.Generator) -> None:
+    particles = kind(square(), rng)
     particles.start(patch(20, 20), HeadingPrior(0.0, 1e-9))
     particles.update(-1.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.1)
@@ -98,8 +101,9 @@ def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generat
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.15)
 
 
-def test_clipped_lengths_never_step_back(rng: np.random.Generator) -> None:
-    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(clip_length=True, heading_sigma_rad=0.0))
+@both
+def test_clipped_lengths_never_step_back(kind: Kind, rng: np.random.Generator) -> None:
+    particles = kind(square(), rng, WoodmanFilterParams(clip_length=True, heading_sigma_rad=0.0))
     particles.start(patch(20, 20, 1e-3), HeadingPrior(0.0, 1e-9))
     particles.update(0.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].min() >= 20 - 1e-4
@@ -144,8 +148,9 @@ def test_an_unexplained_height_kills_no_particle(rng: np.random.Generator) -> No
     particles.update(0.5, 0.0, 0.0)
 
 
-def test_the_depletion_of_all_particles_is_reported(rng: np.random.Generator) -> None:
-    particles = WoodmanFilter(square(10.0), rng)
+@both
+def test_the_depletion_of_all_particles_is_reported(kind: Kind, rng: np.random.Generator) -> None:
+    particles = kind(square(10.0), rng)
     particles.start(patch(4, 4), HeadingPrior(0.0, 0.1))
     particles.update(30.0, 0.0, 0.0)
     assert particles.is_depleted
@@ -155,23 +160,26 @@ def test_the_depletion_of_all_particles_is_reported(rng: np.random.Generator) ->
     assert not particles.is_depleted
 
 
+@both
 @pytest.mark.parametrize("stride", [(np.nan, 0, 0), (1, np.inf, 0), (1, 0, -np.inf)])
-def test_strides_that_are_not_finite(rng: np.random.Generator, stride: tuple[float, float, float]) -> None:
-    particles = WoodmanFilter(square(), rng)
+def test_strides_that_are_not_finite(kind: Kind, rng: np.random.Generator, stride: tuple[float, float, float]) -> None:
+    particles = kind(square(), rng)
     particles.start(patch(20, 20))
     with pytest.raises(FilterError, match="finite"):
         particles.update(*stride)
 
 
-def test_a_region_without_floor(rng: np.random.Generator) -> None:
+@both
+def test_a_region_without_floor(kind: Kind, rng: np.random.Generator) -> None:
     with pytest.raises(FilterError, match="covers no floor"):
-        WoodmanFilter(square(), rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
+        kind(square(), rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
     with pytest.raises(FilterError, match="covers no floor"):
-        WoodmanFilter(square(), rng).start(patch(100, 100))
+        kind(square(), rng).start(patch(100, 100))
 
 
-def test_a_cap_on_particles(rng: np.random.Generator) -> None:
-    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(max_particles=5000))
+@both
+def test_a_cap_on_particles(kind: Kind, rng: np.random.Generator) -> None:
+    particles = kind(square(), rng, WoodmanFilterParams(max_particles=5000))
     particles.start(FloorRegion.whole(square()))
     assert particles.num_particles == 5000
     particles.update(1.0, 0.0, 0.0)

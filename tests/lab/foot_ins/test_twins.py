@@ -14,11 +14,9 @@ from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.step_detection import STAGES, find_steps
 from pdrbench.inertial.warping import warped_distance
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2, statistic
+from pdrbench_lab.foot_ins import bench as feet
+from pdrbench_lab.papers.li2012 import bench as phones
 from pdrbench_sim.foot.known_walk import FootMotion, walk
-
-WHY = "the twins lie in the laboratory: pip install -e lab"
-feet = pytest.importorskip("pdrbench_lab.foot_ins.bench", reason=WHY)
-phones = pytest.importorskip("pdrbench_lab.papers.li2012.bench", reason=WHY)
 
 FREE = FootParams(unit_height_m=0.0, clipped_rate_radps=math.inf)
 
