@@ -131,27 +131,6 @@ def polygon(**changes: object) -> FloorPolygon:
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"id": ""}, "id is text, not empty"),
-        ({"id": 3}, "id is text, not empty; got 3"),
-        ({"id": "\ud800"}, "half a surrogate pair"),
-        ({"outline_xy_m": [[0, 0], [1], [2, 2]]}, "pairs of numbers"),
-        ({"outline_xy_m": [["west", 0], [1, 0], [1, 1]]}, "pairs of numbers"),
-        ({"neighbour": [WALL, WALL, WALL, -1.5]}, "whole numbers"),
-        ({"neighbour": ["b", WALL, WALL, WALL]}, "polygon indices"),
-        ({"height_m": None}, "height_m is None"),
-        ({"height_m": "1"}, "height_m is '1'"),
-        ({"level": 1.0}, "level is a whole number"),
-        ({"level": 2**40}, "level is a whole number"),
-    ],
-)
-def test_a_malformed_polygon_is_a_map_error(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(MapError, match=message):
-        polygon(**changes)
-
-
-@pytest.mark.parametrize(
     ("fields", "message"),
     [
         (("", "", SQUARE, 0), "a zone: id"),

@@ -164,10 +164,3 @@ def test_a_difference_without_a_cause_is_not_blamed_on_sources(toy: Path) -> Non
 def test_walks_that_cannot_be_replayed_are_errors(toy: Path, name: str, message: str) -> None:
     with pytest.raises(ResultError, match=message):
         next(retrace(play(toy, name)))
-
-
-def test_another_environment_of_the_same_name_is_refused(toy: Path) -> None:
-    result = play(toy, "Toy")
-    other = dataclasses.replace(result, provenance={**result.provenance, "files_sha256": "f" * 64})
-    with pytest.raises(ResultError, match=r"files with the digest ffffffffffff, the present one"):
-        next(retrace(other))

@@ -95,16 +95,6 @@ def test_convergence_is_claimed_from_one_half_on(phone_task) -> None:
     assert np.isnan(result.estimates.converged[5:]).all(), "where nothing is answered nothing is claimed"
 
 
-@pytest.mark.parametrize("action", [(np.nan, 0.0, 0.0), (0.0, np.inf, 0.0), (0.0, 0.0, np.nan)])
-def test_an_answer_that_is_not_finite_is_missing(phone_task, action) -> None:
-    env = LocalizationEnv(phone_task)
-    env.reset(options={"walk": "walk-a"})
-    result = list(steps(env, action))[-1][4]["result"]
-    assert not result.estimates.given.any()
-    assert np.isnan(result.estimates.xy_m).all()
-    assert result.missing == {"nan": len(result.estimates)}
-
-
 def test_reward_is_minus_the_error_with_15_m_per_level(phone_task) -> None:
     env = LocalizationEnv(phone_task)
     env.reset(options={"walk": "walk-a"})
