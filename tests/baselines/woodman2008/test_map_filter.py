@@ -93,7 +93,7 @@ def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator
 
 @both
 def test_backward_and_zero_strides_are_walked_as_they_are(kind: Kind, rng: np.random.Generator) -> None:
-    particles = kind(square(), rng)
+    particles = kind(square(), rng, WoodmanFilterParams(min_particles=5000))
     particles.start(patch(20, 20), HeadingPrior(0.0, 1e-9))
     particles.update(-1.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.1)
