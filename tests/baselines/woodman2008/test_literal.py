@@ -129,3 +129,5 @@ def test_unsupported_options_are_errors(stairs: Building, rng: np.random.Generat
         LiteralFilter(stairs, rng).update(1.0, 0.0, 0.0)
     with pytest.raises(FilterError, match="larger"):
         LiteralFilter(stairs, rng, WoodmanFilterParams(bin_m=1e-4))
+    with pytest.raises(FilterError, match="covers no floor"):
+        LiteralFilter(stairs, rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0, dtype=np.int64)))
