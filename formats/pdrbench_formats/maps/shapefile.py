@@ -41,10 +41,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     """
     path = Path(path)
     container = opened(path)
-    if container.is_file:  # what belongs to it lies beside it
-        container, names = opened(path.absolute().parent), [path.name]
-    else:
-        names = container.names(".shp")
+    names = container.names() if container.is_file else container.names(".shp")
     features = [feature for name in names for feature in _features(container, name)]
     projections = {name: _projection(container, name) for name in names}
     if len(set(projections.values())) > 1:
@@ -121,8 +118,17 @@ def _in_degrees(features: Sequence[Feature], projection: str) -> bool:
 
 
 def _projection(container: Container, name: str) -> str:
-    beside = str(PurePosixPath(name).with_suffix(".prj"))
-    return member(container, beside).decode(errors="replace") if beside in container.sizes else ""
+    return _part(container, name, ".prj").decode(errors="replace")
+
+
+def _part(container: Container, name: str, suffix: str) -> bytes:
+    """The file of the same name with another ending, in the container or beside the file; empty where there is none."""
+    if container.is_file:
+        beside = [container.path.with_suffix(one) for one in (suffix, suffix.upper())]
+        return next((member(opened(path), path.name) for path in beside if path.is_file()), b"")
+    stem = str(PurePosixPath(name).with_suffix(""))
+    found = next((other for other in container.sizes if other.lower() == (stem + suffix).lower()), "")
+    return member(container, found) if found else b""
 
 
 def _features(container: Container, name: str) -> Iterator[Feature]:
@@ -132,10 +138,9 @@ def _features(container: Container, name: str) -> Iterator[Feature]:
     except ImportError:
         raise MapError("reading shapefiles needs pyshp: pip install pdrbench[maps]") from None
     stem = PurePosixPath(name).stem
-    table = str(PurePosixPath(name).with_suffix(".dbf"))
     files = {"shp": io.BytesIO(member(container, name))}
-    if table in container.sizes:
-        files["dbf"] = io.BytesIO(member(container, table))
+    if table := _part(container, name, ".dbf"):
+        files["dbf"] = io.BytesIO(table)
     try:
         with shapefile.Reader(**files) as found:
             rows: Iterable[Mapping[str, Any]] = (

@@ -25,7 +25,7 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError, RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.compressed import plain_name
+from pdrbench.io.compressed import found_file, plain_name
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
@@ -182,7 +182,8 @@ def _read(app: App, path: Path | str, *, strict: bool = True) -> Log:
 def _named_so(names: Iterable[str], patterns: Sequence[str]) -> list[str]:
     """Names that end as the first pattern does that any of them ends as."""
     listed = list(names)
-    found = ([name for name in listed if fnmatch(f"/{name.lower()}", f"*/{end}")] for end in patterns)
+    ends = (f"*/{end}" if "*" in end else f"*{end}" for end in patterns)
+    found = ([name for name in listed if fnmatch(f"/{name.lower()}", end)] for end in ends)
     return next(filter(None, found), [])
 
 
@@ -190,12 +191,16 @@ def _truth(
     app: App, truth: Truth, container: Container, name: str, clock_s: tuple[FloatArray, float], tally: Tally
 ) -> Trajectory | None:
     """The reference that lies beside a table, on its clock; None, with a note, where there is none."""
-    if container.is_file:
-        container = open_container(container.path.absolute().parent)
-        name = plain_name(container.path.joinpath(name).name)
     matches = (_filled(end).fullmatch(PurePosixPath(name).name) for end in app.files if "*" in end)
     same = next((match[1] for match in matches if match), "")
-    own = _named_so(container.sizes, [end.replace("*", same) for end in truth.files])
+    ends = [end.replace("*", same) for end in truth.files]
+    if container.is_file:
+        beside = (found_file(container.path.with_name(end)) for end in ends if "/" not in end)
+        place = next((one for one in beside if one.is_file() and one != container.path), None)
+        container = container if place is None else open_container(place)
+        own = [] if place is None else container.names()
+    else:
+        own = _named_so(container.sizes, ends)
     if not own:
         tally.note("note", "reference", truth.files[0], "not beside the table", "copy it there to have a reference")
         return None
