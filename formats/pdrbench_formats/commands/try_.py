@@ -65,9 +65,16 @@ def try_(
         from pdrbench.evaluation import Results, evaluate
         from pdrbench.result import shown_name
         from pdrbench_formats.taskfile import walks_of_file
-        from pdrbench_formats.taskfile.advice import ADVISED, STANDING, advised, believed, doubts, is_aligned
+        from pdrbench_formats.taskfile.advice import (
+            ADVISED,
+            STANDING,
+            advised,
+            believed,
+            declined_results,
+            doubts,
+            is_aligned,
+        )
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
-        from pdrbench_formats.taskfile.suitable import declined_results
 
         wishes = Wishes(plan, columns, _start(start), heading, truth, mounting, truth_offset, doors)
         names = localizer or (None if plays_all else (*ADVISED, STANDING))

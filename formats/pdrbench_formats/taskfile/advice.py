@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from pdrbench.episode import Episode
 from pdrbench.evaluation.rows import RANKING
+from pdrbench.evaluation.suitability import declining
+from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result, shown_name
 from pdrbench_formats.taskfile.late import lag_s
 
@@ -122,3 +125,14 @@ def _lay_still(recording: Recording) -> bool:
     count = np.maximum(np.bincount(second - second.min()), 1)
     mean, square = (np.bincount(second - second.min(), weights=values) / count for values in (size, size**2))
     return bool(np.quantile(np.sqrt(np.maximum(square - mean**2, 0.0)), 0.95) < STILL_MPS2)
+
+
+def declined_results(names: Iterable[str], env: str, split: str, walks: Iterable[str]) -> list[Result]:
+    """A result on these walks for each localizer that declines an environment, see `declining`."""
+    task = make_task(env)
+    episodes = [Episode(task.load(walk), task) for walk in walks]
+    return [
+        episode.result(localizer=name, seed=0, status=UNSUITABLE, failure=reason)
+        for name, reason in declining(names, env, split).items()
+        for episode in episodes
+    ]
