@@ -125,50 +125,21 @@ def test_check_survives_localizers_that_end_or_block_its_process(
 
 
 STRANGER = """
-    import os, pickle, struct
     from pathlib import Path
 
-    from pdrbench import Estimate
-
-    class Touches:
-        def __reduce__(self):
-            return Path.touch, (Path({marker!r}),)
-
-    class Forger:
+    class Snoops:
         def reset(self, briefing, rng):
             pass
 
-        def step(self, observation):
-            body = pickle.dumps(Touches())
-            for descriptor in range(3, 64):
-                try:
-                    os.write(descriptor, struct.pack("<I", len(body)) + body)
-                except OSError:
-                    pass
-
-    class Snoops(Forger):
         def step(self, observation):
             raise ValueError(Path({secret!r}).read_text())
 """
 
 
-@pytest.fixture
-def stranger(place: Path) -> Path:
-    """stranger.py: one localizer writes messages of its own into every descriptor, the other reads a file."""
-    (place / "secret.txt").write_text("the combination is 4711")
-    text = textwrap.dedent(STRANGER).format(marker=str(place / "unpickled"), secret=str(place / "secret.txt"))
-    (place / "stranger.py").write_text(text)
-    return place
-
-
-def test_check_unpickles_nothing_that_a_stranger_sends(command: Any, stranger: Path) -> None:
-    outcome = command("check", "localizer", "stranger.py:Forger", "--json")
-    assert outcome.code == 1 and "protocol error" in json.dumps(outcome.json)
-    assert not (stranger / "unpickled").exists()
-
-
 @pytest.mark.confinement
-def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> None:
+def test_check_confines_a_stranger_as_run_does(command: Any, place: Path) -> None:
+    (place / "secret.txt").write_text("the combination is 4711")
+    (place / "stranger.py").write_text(textwrap.dedent(STRANGER).format(secret=str(place / "secret.txt")))
     outcome = command("check", "localizer", "stranger.py:Snoops", "--confined", "--json")
     assert outcome.code == 1
     try:

@@ -31,18 +31,6 @@ def test_area_is_met_within_one_percent(area_m2, num_levels, seed):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_every_floor_polygon_is_reachable(seed):
-    building = make_office(np.random.default_rng(seed))
-    seen, queue = {0}, [0]
-    while queue:
-        polygon = building.polygons[queue.pop()]
-        for other in set(polygon.neighbour.tolist()) - {WALL} - seen:
-            seen.add(other)
-            queue.append(other)
-    assert len(seen) == len(building.polygons)
-
-
-@pytest.mark.parametrize("seed", range(2))
 def test_corridors_doors_and_stairs_have_the_sizes_of_real_ones(seed):
     building = make_office(np.random.default_rng(seed))
     for polygon in building.polygons:
