@@ -1,4 +1,4 @@
-"""Dynamic time warping: properties of every such distance; `test_twins` has it against plain NumPy."""
+"""Dynamic time warping: properties of every such distance; tests of the laboratory have it against NumPy."""
 
 from __future__ import annotations
 
