@@ -21,16 +21,16 @@ SCORE = {"value": 2.5, "unit": "m", "low": float("nan"), "high": float("nan"), "
 
 @dataclass(frozen=True)
 class FakeResults:
-    """One complete walk per localizer and environment, but the radio localizer declines."""
+    """One complete walk per localizer and environment."""
 
     results: tuple[Result, ...]
 
     def rows(self) -> list[dict[str, Any]]:
         about = {"division": "online", "of": 1, "rank": [1, 1], "units": 1, "unit_kind": "building", "note": ""}
         return [
-            {"env": r.env, "localizer": r.localizer, "split": r.split, "walks": int(r.status != "unsuitable")}
+            {"env": r.env, "localizer": r.localizer, "split": r.split, "walks": 1}
             | about
-            | {"metrics": {} if r.status == "unsuitable" else {"mean_m": SCORE}}
+            | {"metrics": {"mean_m": SCORE}}
             for r in self.results
         ]
 
@@ -43,17 +43,16 @@ class FakeResults:
 
 @dataclass
 class Asked:
-    """The arguments of evaluate, the results that it returns, and which localizers decline every environment."""
+    """The arguments of evaluate, and which localizers decline every environment."""
 
     arguments: dict[str, Any]
-    statuses: dict[str, tuple[str, str]]
     declining: dict[str, str]
 
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
     """Replaces evaluation and report; works in an empty folder without recorded data."""
-    state = Asked({}, {}, {})
+    state = Asked({}, {})
 
     def evaluate(localizers: Any, envs: Any, **options: Any) -> FakeResults:
         print("noise on standard output")
@@ -63,10 +62,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
         results = []
         for env in places:
             for name in by_env[env]:
-                status, failure = state.statuses.get(name, ("complete", ""))
-                results.append(
-                    Result(env, options["split"] or "test", "w0", name, 0, NONE, [], status=status, failure=failure)
-                )
+                results.append(Result(env, options["split"] or "test", "w0", name, 0, NONE, []))
         return FakeResults(tuple(results))
 
     def write_report(results: FakeResults, folder: Path, columns: tuple[str, ...] | None) -> list[Path]:
@@ -153,17 +149,6 @@ def test_what_does_not_suit_is_not_run_and_counted_in_a_line(asked: Asked, comma
     assert "left out: wifi_knn on CampusStride-v1: needs a radio map" in outcome.err
     outcome = command("compare", "--env", "CampusStride-v1", "--localizer", "wifi_knn")
     assert outcome.code == 1 and "wifi_knn on CampusStride-v1: needs a radio map" in outcome.err
-
-
-def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:
-    asked.statuses["wifi_knn"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
-    asked.statuses["dead_reckoning"] = ("failed", "Traceback\nValueError: no step\n")
-    outcome = command("compare", "--env", "CampusStride-v1")
-    assert outcome.code == 1
-    assert "wifi_knn" not in outcome.out and "dead_reckoning" in outcome.out and "2.50" in outcome.out
-    assert "wifi_knn on CampusStride-v1: not applicable: needs a radio map;" in outcome.err
-    assert "dead_reckoning on CampusStride-v1: failed on 1 of 1 walks" in outcome.err
-    assert "ValueError: no step" in outcome.err
 
 
 def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
