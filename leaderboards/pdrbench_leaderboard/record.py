@@ -19,6 +19,8 @@ import numpy as np
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.geometry import FloatArray
+from pdrbench.registry import localizers
+from pdrbench.settings import split_name
 from pdrbench_leaderboard.boards import PRIVATE, Part, find_round
 from pdrbench_leaderboard.canaries import CanaryRecord
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
@@ -35,7 +37,7 @@ from pdrbench_leaderboard.schema import (
     read_limited,
 )
 from pdrbench_leaderboard.score import DIGITS, ScoredPart
-from pdrbench_leaderboard.signing import read_keys, sign, signed_text
+from pdrbench_leaderboard.signing import KEYS_FILE, read_keys, sign, signed_text
 
 ENTRY_FILE, ANSWERS_FILE, WALKS_FILE, SIGNATURE_FILE = "entry.json", "answers.bin", "walks.json", "signed.json"
 MAX_FILE_BYTES: Final = 64_000_000
@@ -313,12 +315,15 @@ def sign_entry(folder: Path, key: Path) -> None:
 def is_verified(folder: Path, record: EntryRecord) -> bool:
     """Whether an entry ranks: a maintainer has signed it, or anybody can play the rounds that it is of.
 
+    What is not registered here needs a signature all the same where the folder of boards lists keys.
+
     Raises:
         BundleError: It is signed, and with no listed key, or by one that was revoked, or it is another entry by now.
     """
     path = folder / SIGNATURE_FILE
     if not path.is_file():
-        return not held(record) and all(find_round(part.round).secret for part in record.parts)
+        is_free = split_name(record.spec)[0] in localizers() or not (folder.parents[1] / KEYS_FILE).is_file()
+        return is_free and not held(record) and all(find_round(part.round).secret for part in record.parts)
     keys = read_keys(folder.parents[1])
     body, key = signed_text(read_limited(path, MAX_FILE_BYTES), keys, str(path))
     found = read_json(body.encode(), Verification, str(path))

@@ -211,7 +211,7 @@ class Table:
             by_env={env: of[entry.name] for env, of in by_env.items() if entry.name in of},
         )
 
-    @property
+    @functools.cached_property
     def private_ratios(self) -> dict[str, float]:
         """How much worse each entry is on private recordings than on walks like them whose truth is public."""
         found: dict[str, list[float]] = {}

@@ -28,7 +28,7 @@ from pdrbench_leaderboard.signing import new_key
 from pdrbench_leaderboard.standings import read_tables
 from pdrbench_leaderboard.submission import make_bundle
 
-from .conftest import DEAF, ENV, ROUND, SECRET, STAY, TOY
+from .conftest import DEAF, ENV, ONE, ROUND, SECRET, STAY, TOY
 
 
 def test_boards_name_registered_environments_and_round_0_is_published() -> None:
@@ -256,6 +256,13 @@ def test_a_key_signs_only_what_was_played_here(toy_board: Board, settings: Setti
     findings = compare_entries(tmp_path / "toy" / STAY, folder)
     assert len(findings) == 2 and not any(of.passed for of in findings)
     assert "0 of 12 walks agree" in findings[0].why
+
+
+def test_where_maintainers_sign_a_strangers_entry_has_no_rank_without(played: Settings, tmp_path: Path) -> None:
+    root = Path(shutil.copytree(played.root, tmp_path / "boards"))
+    assert {row.name for row in read_tables(root, ONE)[0].rows} > {STAY, "mine"}
+    (root / "keys.toml").write_text(new_key(tmp_path / "key", "x", datetime.date(2026, 1, 1)))
+    assert {row.name for row in read_tables(root, ONE)[0].rows} == {STAY}
 
 
 def _entry(folder: Path) -> str:
