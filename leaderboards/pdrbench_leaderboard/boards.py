@@ -23,7 +23,7 @@ from pdrbench_leaderboard.schema import Line, Name, Record, Sha256
 BOARDS_FILE: Final = "boards.toml"
 Part = Literal["public", "held-out", "private"]
 PARTS: Final[tuple[Part, ...]] = ("public", "held-out", "private")
-PRIVATE: Final = "private"  # recordings whose truth nobody has but the host
+PRIVATE: Final[Part] = "private"  # recordings whose truth nobody has but the host
 Count = Annotated[int, msgspec.Meta(ge=1)]
 
 
