@@ -134,6 +134,8 @@ def check_swings(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> None:
         gyro: (n, 3) rad/s.
     """
     edges = _swings(gyro)
+    num_gaps = np.cumsum(np.diff(t_s, prepend=t_s[:1]) > GAP_S)
+    edges = edges[num_gaps[edges[:, 0]] == num_gaps[edges[:, 1]]]
     if len(edges) < MIN_SWINGS:
         return
     left = np.zeros((len(edges), len(FACTORS)))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.clock import even_clock
 from pdrbench.inertial.foot_kernels import (
     FIFTEEN,
@@ -20,6 +20,7 @@ from pdrbench.inertial.foot_kernels import (
     Record,
     advance,
 )
+from pdrbench.inertial.gaps import GapFiller
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
 from pdrbench.inertial.quaternions import to_world, twist_rad
 from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
@@ -54,6 +55,9 @@ class FootParams:
         clipped_sigma_fraction: How far off a clipped rate may be, as a fraction of it.
         force_fraction: Noise of the velocity that grows with the motion, as a fraction of the acceleration, per root
             hertz: scales, axes and the time between samples err with it. Without it a swing seems to show a bias.
+        carried_s: Longest gap over which an earlier stride is carried on, see `GapFiller`; 0 for none.
+        carried_force_fraction: How far off an acceleration is that is carried on, as a fraction of it.
+        carried_rate_fraction: The same of a rate.
         slip_mps: How fast a foot in stance may be. Where the filter has a velocity v of variance P, the variance of a
             velocity of zero is multiplied by 1 + sum of v^2 / (P + slip^2), as for a Cauchy distribution: in mid-swing,
             at 3 m/s, a foot has moments as quiet as a runner's stance. inf to believe the detector.
@@ -70,6 +74,9 @@ class FootParams:
     clipped_rate_radps: float = 8.3  # the range of 500 degrees/s ends at 8.5 to 9.6 rad/s
     clipped_sigma_fraction: float = 1.4  # fitted on recordings, see the laboratory's `foot_ins.left_out`
     force_fraction: float = 0.01  # 0.03 to 0.1 m/s after a swing; by the worse half of eleven recorded sets
+    carried_s: float = 1.0  # ours: beyond it walks err more with it than without
+    carried_force_fraction: float = 0.5  # so that discs of 95 % hold that across gaps
+    carried_rate_fraction: float = 0.22
     slip_mps: float = 0.3  # a foot is slowest at 0.2 to 0.5 m/s where it runs
     field: FieldParams | None = None
 
@@ -88,6 +95,7 @@ LITERAL: Final = FootParams(
     unit_height_m=0.0,
     clipped_rate_radps=math.inf,
     force_fraction=0.0,
+    carried_s=0.0,
     slip_mps=math.inf,
 )
 
@@ -144,7 +152,7 @@ class FootStates:
         sigma: FloatArray = np.sqrt(np.maximum((self.cov[:, 0, 0] + self.cov[:, 1, 1]) / 2, 0.0))
         return sigma
 
-    def part(self, rows: slice) -> FootStates:
+    def part(self, rows: slice | BoolArray) -> FootStates:
         """Some of the samples."""
         return FootStates(
             self.t_s[rows], self.x[rows], self.cov[rows], Rest(*(v[rows] for v in self.rest)), self.nis[rows]
@@ -157,6 +165,35 @@ def concatenate(parts: Sequence[FootStates]) -> FootStates:
     names = ("t_s", "x", "cov", "nis")
     t_s, x, cov, nis = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
     return FootStates(t_s, x, cov, rest, nis)
+
+
+class Piece(NamedTuple):
+    """Samples as the filter takes them, with those that are carried on over gaps.
+
+    Attributes:
+        begin: The first that is filtered.
+        states: To be filled in, of m samples.
+        accel: (m, 3) m/s2.
+        gyro: (m, 3) rad/s.
+        field: (m, 3) the magnetic field as it is used, NaN where it is not.
+        is_carried: (m,) whether a sample was carried on.
+    """
+
+    begin: int
+    states: FootStates
+    accel: FloatArray
+    gyro: FloatArray
+    field: FloatArray
+    is_carried: BoolArray
+
+    @property
+    def measured(self) -> FootStates:
+        """The states at what was measured."""
+        return self.states.part(~self.is_carried) if self.is_carried.any() else self.states
+
+    def run(self, part: slice, memory: Memory, noise: Noise, record: Record | None = None) -> None:
+        """Fills in some of the states; see `foot_kernels.advance`."""
+        run(memory, self.states.part(part), self.accel[part], self.gyro[part], self.field[part], noise, record)
 
 
 class FootFilter:
@@ -177,6 +214,7 @@ class FootFilter:
         self._field = FieldGate(params.field) if params.field is not None else None
         self._noise = params.noise(rate_hz)
         self._clock = np.array([np.nan, np.nan, 0, 0, 0, 0])
+        self._gaps = GapFiller(rate_hz, params.carried_s)
         self.memory: Memory | None = None
 
     @property
@@ -201,26 +239,35 @@ class FootFilter:
             field: (n, 3) magnetic field in the body frame, microtesla; NaN where there is none.
             rest: When the foot rests, instead of what the detector says.
         """
-        begin, states, used = self.prepare(t_s, accel, gyro, field, rest)
-        if self.memory is not None and begin < len(t_s):
-            rows = slice(begin, None)
-            run(self.memory, states.part(rows), accel[rows], gyro[rows], used[rows], self._noise)
-        return states
+        piece = self.prepare(t_s, accel, gyro, field, rest)
+        if self.memory is not None and piece.begin < len(piece.accel):
+            piece.run(slice(piece.begin, None), self.memory, self._noise)
+        return piece.measured
 
     def prepare(
         self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None, rest: Rest | None = None
-    ) -> tuple[int, FootStates, FloatArray]:
-        """Everything but the filter itself: the first sample to filter, states to fill in, the field as it is used."""
+    ) -> Piece:
+        """Everything but the filter itself."""
         t_s = even_clock(np.array(t_s, dtype=np.float64), self._clock)
-        states = empty_states(t_s, self._rest.update(t_s, accel, gyro) if rest is None else rest)
+        rest = self._rest.update(t_s, accel, gyro) if rest is None else rest
         begin = 0
         if self.memory is None:
             begin, self.memory = self._level.look(t_s, accel, gyro)
         used = np.full((len(t_s), 3), np.nan)
         if self._field is not None and field is not None and begin < len(t_s):
             rows = slice(begin, None)
-            used[rows] = self._field.choose(t_s[rows], accel[rows], field[rows], states.rest.sigma_mps[rows])
-        return begin, states, used
+            used[rows] = self._field.choose(t_s[rows], accel[rows], field[rows], rest.sigma_mps[rows])
+        rows, is_carried = self._gaps.fill(np.column_stack([t_s, accel, gyro]))
+        if not is_carried.any():
+            return Piece(begin, empty_states(t_s, rest), accel, gyro, used, is_carried)
+        at = np.flatnonzero(~is_carried)
+        spread = [np.full((len(rows), *values.shape[1:]), np.nan) for values in (*rest, used)]
+        for wide, values in zip(spread, (*rest, used), strict=True):
+            wide[at] = values
+        spread[1][is_carried] = np.inf
+        begin = at[begin] if begin < len(at) else len(rows)
+        states = empty_states(rows[:, 0], Rest(*spread[:3]))
+        return Piece(int(begin), states, rows[:, 1:4], rows[:, 4:7], spread[3], is_carried)
 
 
 class Leveller:
@@ -292,7 +339,7 @@ def level(now_s: float, accel: FloatArray, params: FootParams) -> Memory:
     return Memory(
         x=x,
         cov=ties @ np.diag(sigma**2) @ ties.T,
-        previous=np.array([now_s, *mean, *np.zeros(6)]),
+        previous=np.array([now_s, *mean, *np.zeros(7)]),
         largest_rate=np.zeros(3),
         limits=np.zeros((6, 4)),
         still=np.zeros(5),

@@ -48,6 +48,8 @@ class Noise(NamedTuple):
     clipped_rate_radps: float
     clipped_sigma_fraction: float
     force_fraction: float
+    carried_force_fraction: float
+    carried_rate_fraction: float
     gap_s: float  # a longer time between samples is a gap, over which the mean of its two ends is taken
     slip_mps: float
     heading_sigma_rad: float
@@ -60,7 +62,8 @@ class Memory(NamedTuple):
     Attributes:
         x: (16,) nominal state.
         cov: (N, N) of its error.
-        previous: (10,) time, specific force and rate of the last sample, and the rate of the one before.
+        previous: (11,) time, specific force and rate of the last sample, the rate of the one before, and for how long
+            samples have been carried on.
         largest_rate: (3,) largest magnitude each gyroscope axis has shown.
         limits: (6, 4) of each axis and side, see `_find_limits`: rate that the present swing held for three samples,
             the largest of all swings, how many reached it, samples there less samples a little below.
@@ -198,8 +201,8 @@ def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, 
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any) -> None:
-    """Strapdown and covariance over `dt` with `sample` (6,) specific force and rate.
+def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any, carried_s: float) -> None:
+    """Strapdown and covariance over `dt` with `sample` (6,) specific force and rate, carried on for `carried_s`.
 
     Writes the specific force in the world frame, `f` (3,), and the mean attitude, `c` (3, 3).
     """
@@ -225,9 +228,13 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
             x[3 + i] += dt * motion
     _propagate(cov, dt, f, c, size)
     push = f[0] ** 2 + f[1] ** 2 + (f[2] - GRAVITY_MPS2) ** 2
+    force, turn = noise.force_fraction**2 * push, 0.0
+    if carried_s > 0.0:  # what errs alike for T seconds adds T^2 to a variance
+        force = 2.0 * carried_s * noise.carried_force_fraction**2 * push
+        turn = 2.0 * carried_s * noise.carried_rate_fraction**2 * (rate0**2 + rate1**2 + rate2**2)
     for i in range(3):
-        cov[3 + i, 3 + i] += (noise.accel_density**2 + noise.force_fraction**2 * push) * dt
-        cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
+        cov[3 + i, 3 + i] += (noise.accel_density**2 + force) * dt
+        cov[6 + i, 6 + i] += (noise.gyro_density**2 + turn) * dt
         if n == 15:
             cov[9 + i, 9 + i] += BIAS_WALK**2 * dt
             cov[12 + i, 12 + i] += BIAS_WALK**2 * dt
@@ -379,7 +386,8 @@ def advance(
         t_s: (n,) seconds; a sample that repeats the time of the one before changes nothing.
         accel: (n, 3) m/s2.
         gyro: (n, 3) rad/s.
-        sigma_mps: (n,) standard deviation of a velocity of zero; inf where the foot moves.
+        sigma_mps: (n,) standard deviation of a velocity of zero; inf where the foot moves; nan where the sample was not
+            measured but carried on over a gap.
         rate_sigma_radps: (n,) standard deviation of a rate of zero; inf where the foot moves or may roll.
         field: (n, 3) magnetic field in the body frame; nan where it is not to be used.
         noise: `Noise`.
@@ -394,7 +402,7 @@ def advance(
     f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
     sample, excess, held, clipped = np.zeros(6), np.zeros(3), np.zeros(3, dtype=np.bool_), np.zeros(3)
     for k in range(len(t_s)):
-        dt = t_s[k] - previous[0]
+        dt, is_carried = t_s[k] - previous[0], math.isnan(sigma_mps[k])
         nis[k] = np.nan
         if keeps:
             record.which[k] = -1
@@ -406,13 +414,13 @@ def advance(
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
             # Where the force repeats, the whole sample may be a repetition
             is_fresh = accel[k, 0] != previous[1] or accel[k, 1] != previous[2] or accel[k, 2] != previous[3]
-            finds_clipped = noise.clipped_rate_radps < np.inf
+            finds_clipped = noise.clipped_rate_radps < np.inf and not is_carried
             for i in range(3):
                 is_same = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > HELD_RATE_RADPS
                 held[i] = finds_clipped and is_fresh and is_same
             if finds_clipped:
                 _find_limits(memory.limits, gyro, previous, k, is_fresh)
-            if dt <= noise.gap_s:
+            if dt <= noise.gap_s and not is_carried:
                 _find_clipped(memory, held, gyro, k, noise, clipped, excess)
                 for i in range(3):
                     sample[3 + i] += excess[i]
@@ -420,11 +428,12 @@ def advance(
                 previous[7 + i] = previous[4 + i]
                 previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
             previous[0] = t_s[k]
-            _predict(x, cov, dt, sample, noise, f, c, size)
+            previous[10] = previous[10] + dt if is_carried else 0.0
+            _predict(x, cov, dt, sample, noise, f, c, size, previous[10])
             if dt > noise.gap_s:
                 _doubt_gap(cov, dt, sample, recent, f, c)
             _remember(recent, dt, x, sample, f)
-            if dt <= noise.gap_s:
+            if dt <= noise.gap_s and not is_carried:
                 _doubt_clipped(cov, clipped, dt, c)
             if keeps:
                 record.step[k, 0] = dt

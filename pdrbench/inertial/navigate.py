@@ -10,7 +10,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.checks import CleanRows, clean_rows
 from pdrbench.inertial.clock import even_clock
-from pdrbench.inertial.foot_filter import FOOT, FootFilter, FootParams, FootStates, empty_record, run
+from pdrbench.inertial.foot_filter import FOOT, FootFilter, FootParams, FootStates, empty_record
 from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
 from pdrbench.sensors.checks import refuse, sign
@@ -68,24 +68,24 @@ def navigate_smoothed(
     """
     rows, field, rest = _clean(_evened(t_s), accel, gyro, field, rest)
     footing = FootFilter(nominal_rate_hz(rows.t_s), params)
-    begin, states, used = footing.prepare(rows.t_s, rows.accel, rows.gyro, field, rest)
+    piece = footing.prepare(rows.t_s, rows.accel, rows.gyro, field, rest)
+    states = piece.states
     if footing.memory is None:
         _check_started(states)
     assert footing.memory is not None
-    starts = range(begin, len(rows.t_s), _AT_ONCE)
+    starts = range(piece.begin, len(states), _AT_ONCE)
     noise, memories = params.noise(nominal_rate_hz(rows.t_s)), []
     for low in starts:
-        part = slice(low, low + _AT_ONCE)
         memories.append(footing.memory.copy())
-        run(footing.memory, states.part(part), rows.accel[part], rows.gyro[part], used[part], noise)
+        piece.run(slice(low, low + _AT_ONCE), footing.memory, noise)
     count = len(footing.memory.cov)
     adjoint, information = np.zeros(count), np.zeros((count, count))
     for low, memory in zip(reversed(starts), reversed(memories), strict=True):
-        part = slice(low, min(low + _AT_ONCE, len(rows.t_s)))
+        part = slice(low, min(low + _AT_ONCE, len(states)))
         record = empty_record(part.stop - low, count)
-        run(memory, states.part(part), rows.accel[part], rows.gyro[part], used[part], noise, record)
+        piece.run(part, memory, noise, record)
         smooth(record, adjoint, information, memory.size, states.x[part], states.cov[part])
-    return states
+    return piece.measured
 
 
 def _evened(t_s: FloatArray) -> FloatArray:

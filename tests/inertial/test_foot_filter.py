@@ -190,7 +190,7 @@ def without(measured: Any, from_s: float, to_s: float) -> list[np.ndarray]:
 def test_after_half_a_second_without_samples(measure: Any, rng: Any) -> None:
     """A gap in the middle of a stride: its end is guessed, and the filter says how well."""
     motion = walk(8)
-    states = navigate(*without(measure(motion, rng), 5.7, 6.2), FOOT)
+    states = navigate(*without(measure(motion, rng), 5.7, 6.2), replace(FOOT, carried_s=0.0))
     at = np.searchsorted(states.t_s, [5.69, 6.2, 9.0])
     before, after, later = states.sigma_m[at]
     assert before < 0.1

@@ -280,7 +280,7 @@ def plain_filter(
     """Filters n samples after those of `start`, which stays as it is; arguments as of `foot_kernels.advance`."""
     x, cov, previous, size = start.x.copy(), start.cov.copy(), start.previous[:7], len(start.cov)
     earlier_radps, recent, limits = start.previous[7:10], start.recent.copy(), Limits(noise)
-    still_s, turned_rad, is_set, field_heading_rad = 0.0, np.zeros(3), False, math.nan
+    still_s, turned_rad, is_set, field_heading_rad, carried_s = 0.0, np.zeros(3), False, math.nan, 0.0
     error = np.zeros(size)
     stages: list[Stage] = []
     out = PlainStates(np.empty((len(t_s), len(x))), np.empty((len(t_s), 4, 4)), np.full(len(t_s), np.nan), stages)
@@ -299,15 +299,17 @@ def plain_filter(
         dt = float(t_s[k] - previous[0])
         is_gap, sample = dt > noise.gap_s, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
         is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > HELD_RATE_RADPS)
+        is_carried = math.isnan(sigma_mps[k])
         is_held &= bool(np.any(accel[k] != previous[1:4])) and noise.clipped_rate_radps < math.inf
         before, doubt_radps = previous, np.zeros(3)
         mean = (sample + before) / 2 if is_gap else sample
-        limits.learn(gyro[k], before[4:7], earlier_radps, bool(np.any(accel[k] != before[1:4])))
-        if not is_gap:
+        if not is_carried:
+            limits.learn(gyro[k], before[4:7], earlier_radps, bool(np.any(accel[k] != before[1:4])))
+        if not is_gap and not is_carried:
             doubt_radps, excess_radps = limits.clipped(gyro[k], is_held)
             mean = mean + np.concatenate([np.zeros(4), excess_radps])
         previous, earlier_radps = sample, before[4:7]
-        rate = mean[4:7] - x[13:16]
+        rate, carried_s = mean[4:7] - x[13:16], carried_s + dt if is_carried else 0.0
         x[0:3] += dt * x[3:6]
         if dt > BRIDGE_S:
             force, c = np.zeros(3), _matrix(x[6:10])
@@ -325,8 +327,11 @@ def plain_filter(
         if size == 15:
             f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
         motion = force - [0.0, 0.0, GRAVITY_MPS2]
-        moved = noise.force_fraction**2 * np.sum(motion**2)
-        variances = dt * np.array([0.0, noise.accel_density**2 + moved, noise.gyro_density**2])
+        moved, turned = noise.force_fraction**2 * np.sum(motion**2), 0.0
+        if is_carried:
+            moved = 2 * carried_s * noise.carried_force_fraction**2 * np.sum(motion**2)
+            turned = 2 * carried_s * noise.carried_rate_fraction**2 * np.sum(rate**2)
+        variances = dt * np.array([0.0, noise.accel_density**2 + moved, noise.gyro_density**2 + turned])
         added = np.diag(np.repeat(np.append(variances, np.full(2, dt * BIAS_WALK**2)), 3)[:size])
         if is_gap:
             now = np.square(np.concatenate([mean[4:7], motion]))
