@@ -1,7 +1,7 @@
 """Toolbox for particle filters on a building.
 
 Everything in `__all__` may be relied on: functions on arrays, and `MapFilter`, the base of filters that walk particles
-through a map. Compiled kernels for filters of their own are in `map_walk` and `random_numbers`.
+through a map. Compiled kernels for filters of their own are in `map_walk`.
 """
 
 from __future__ import annotations

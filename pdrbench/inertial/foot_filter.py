@@ -257,17 +257,17 @@ class FootFilter:
         if self._field is not None and field is not None and begin < len(t_s):
             rows = slice(begin, None)
             used[rows] = self._field.choose(t_s[rows], accel[rows], field[rows], rest.sigma_mps[rows])
-        rows, is_carried = self._gaps.fill(np.column_stack([t_s, accel, gyro]))
+        samples, is_carried = self._gaps.fill(np.column_stack([t_s, accel, gyro]))
         if not is_carried.any():
             return Piece(begin, empty_states(t_s, rest), accel, gyro, used, is_carried)
         at = np.flatnonzero(~is_carried)
-        spread = [np.full((len(rows), *values.shape[1:]), np.nan) for values in (*rest, used)]
+        spread = [np.full((len(samples), *values.shape[1:]), np.nan) for values in (*rest, used)]
         for wide, values in zip(spread, (*rest, used), strict=True):
             wide[at] = values
         spread[1][is_carried] = np.inf
-        begin = at[begin] if begin < len(at) else len(rows)
-        states = empty_states(rows[:, 0], Rest(*spread[:3]))
-        return Piece(int(begin), states, rows[:, 1:4], rows[:, 4:7], spread[3], is_carried)
+        begin = at[begin] if begin < len(at) else len(samples)
+        states = empty_states(samples[:, 0], Rest(*spread[:3]))
+        return Piece(int(begin), states, samples[:, 1:4], samples[:, 4:7], spread[3], is_carried)
 
 
 class Leveller:

@@ -43,7 +43,8 @@ class GapFiller:
         """
         steps_s = np.diff(rows[:, 0], prepend=self._seen[-1][-1:, 0] if len(self._seen[-1]) else rows[:1, 0])
         gaps = np.flatnonzero((steps_s > self._shortest_s) & (steps_s <= self._longest_s))
-        parts, is_made = [], []
+        parts: list[FloatArray] = []
+        is_made: list[BoolArray] = []
         for piece in np.split(rows, gaps):  # the first comes before the first gap, and may be empty
             made = self._carried_on(piece[0]) if parts else rows[:0]
             parts += [made, piece]

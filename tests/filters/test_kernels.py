@@ -11,8 +11,8 @@ from scipy import stats
 from pdrbench.building import Building, FloorPolygon, FloorRegion
 from pdrbench.building.convex import compile_map
 from pdrbench.filters import map_walk, resampling
-from pdrbench.filters.random_numbers import box_muller, philox
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench_baselines.woodman2008.random_numbers import box_muller, philox
 
 
 def slow_philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> list[int]:

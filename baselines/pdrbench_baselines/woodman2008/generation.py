@@ -17,7 +17,7 @@ from numba.experimental import structref
 from pdrbench.compiled import compiled, compiled_parallel
 from pdrbench.filters import kld
 from pdrbench.filters.map_walk import CHUNK, TILE, new_scratch, walk_tile
-from pdrbench.filters.random_numbers import (
+from pdrbench_baselines.woodman2008.random_numbers import (
     HALF,
     MOTION,
     ONE,

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.convex import compile_map
 from pdrbench.filters import FilterError, kld_bound, normal_quantile
-from pdrbench.filters.random_numbers import random_offset
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.woodman2008 import generation
 from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Particles, Prior
 from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.random_numbers import random_offset
 from pdrbench_baselines.woodman2008.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 
 FEW: Final = 20_000  # particles that one thread handles in one call

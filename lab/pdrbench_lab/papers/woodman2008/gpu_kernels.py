@@ -19,7 +19,18 @@ import numpy as np
 from numba import cuda as cuda_of_numba
 
 from pdrbench.filters.map_walk import MAX_CROSSINGS, MAX_EXPONENT, TILE, exp_minus
-from pdrbench.filters.random_numbers import HALF, MOTION, OFFSET, ONE, PRIOR, QUARTER, TWO, ZERO, cos_turns, uniform
+from pdrbench_baselines.woodman2008.random_numbers import (
+    HALF,
+    MOTION,
+    OFFSET,
+    ONE,
+    PRIOR,
+    QUARTER,
+    TWO,
+    ZERO,
+    cos_turns,
+    uniform,
+)
 
 cuda: Any = cuda_of_numba  # whose functions have types on the device only
 
