@@ -176,8 +176,8 @@ def _division(found: Table) -> dict[str, Any]:
         "ties": bool(found.ranking and found.ranking.ties),
         "notes": list(table.notes(found)),
         "environments": table.environment_lines(found),
-        "strata_head": head,
-        "strata": [[cell.strip("`") for cell in line] for line in lines],
+        "strata_head": [name.strip("`") for name in head],
+        "strata": lines,
     }
 
 

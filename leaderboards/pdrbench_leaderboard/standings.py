@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.ranking import Ranking, Standing, rank
+from pdrbench.metrics.statistics import DRAWS
 from pdrbench.registry import make_task
 from pdrbench.result import ONLINE
 from pdrbench_leaderboard.boards import PARTS, PRIVATE, Board, BoardEnvironment, Part
@@ -34,6 +35,7 @@ from pdrbench_leaderboard.record import (
 from pdrbench_leaderboard.score import QUANTILES
 
 RANKING: Final = "p75_m"
+SPLITS: Final = 20  # of the units into halves
 DRAW_SEED: Final = 0  # the same results give the same p-values
 DIVISIONS: Final = ("online", "offline")
 
@@ -145,15 +147,21 @@ class Table:
     @functools.cached_property
     def public(self) -> Ranking | None:
         """On public walks."""
-        return self.ranked("public")
+        return self.ranked("public", draws=1)
 
-    def ranked(self, part: Part, group: str | None = None, env: str | None = None) -> Ranking | None:
-        """Order on one part, or on one stratum or environment of it; None where nothing was played there."""
+    def ranked(
+        self, part: Part, group: str | None = None, envs: Collection[str] | None = None, *, draws: int = DRAWS
+    ) -> Ranking | None:
+        """Order on one part, or on one stratum or some environments of it; None where nothing was played there."""
         keep = {
             listed.env: np.array([group is None or group in walk.groups for walk in self.walks[listed.env, part].walks])
             for listed in self.environments(part)
-            if env is None or listed.env == env
+            if envs is None or listed.env in envs
         }
+        return self._ranked(part, keep, draws)
+
+    def _ranked(self, part: Part, keep: Mapping[str, BoolArray], draws: int = DRAWS) -> Ranking | None:
+        """Order on some walks of a part."""
         keep = {name: of for name, of in keep.items() if of.any()}
         values = {
             entry.name: {name: of[keep[name]] for name, of in self.values(entry, part=part).items() if name in keep}
@@ -166,7 +174,7 @@ class Table:
             for name, of in keep.items()
         }
         noise_m = {name: make_task(name).noise_m for name in keep}
-        return rank(values, units=units, noise_m=noise_m, rng=np.random.default_rng(DRAW_SEED))
+        return rank(values, units=units, noise_m=noise_m, rng=np.random.default_rng(DRAW_SEED), draws=draws)
 
     @functools.cached_property
     def rows(self) -> tuple[Row, ...]:
@@ -177,7 +185,7 @@ class Table:
         by_env = {
             listed.env: {of.name: of.score_m for of in ranking.standings}
             for listed in self.environments()
-            if (ranking := self.ranked("held-out", env=listed.env)) is not None
+            if (ranking := self.ranked("held-out", envs={listed.env}, draws=1)) is not None
         }
         entries = {entry.name: entry for entry in self.entries}
         ratios = self.private_ratios
@@ -216,7 +224,7 @@ class Table:
         """How much worse each entry is on private recordings than on walks like them whose truth is public."""
         found: dict[str, list[float]] = {}
         for listed in self.environments(PRIVATE):
-            private, known = (self.ranked(part, env=listed.env) for part in (PRIVATE, listed.open_part))
+            private, known = (self.ranked(part, envs={listed.env}, draws=1) for part in (PRIVATE, listed.open_part))
             known_m = {} if known is None else {of.name: of.score_m for of in known.standings}
             for of in private.standings if private is not None else ():
                 if of.name in known_m:
@@ -244,16 +252,77 @@ class Table:
     def agreement(self) -> tuple[float, float]:
         """Kendall's tau of the orders on public and on held-out walks: over pairs told apart, and over all.
 
-        NaN where there is no such pair.
+        Of environments that have both. NaN where there is no such pair.
         """
-        if self.ranking is None or self.public is None:
-            return math.nan, math.nan
-        place = {of.name: number for number, of in enumerate(self.public.standings)}
-        names = [of.name for of in self.ranking.standings]
-        pairs = [(i, j) for j in range(len(names)) for i in range(j) if names[i] in place and names[j] in place]
-        signs = np.array([1.0 if place[names[i]] < place[names[j]] else -1.0 for i, j in pairs])
-        apart = np.array([bool(self.ranking.pairs.is_apart[i, j]) for i, j in pairs], bool)
-        return mean_of(signs[apart]), mean_of(signs)
+        held_out = self.ranked("held-out", envs={listed.env for listed in self.environments("public")})
+        return tau(held_out, self.public)
+
+    @functools.cached_property
+    def halves_agree(self) -> tuple[float, float]:
+        """Kendall's tau of the orders on two random halves of the units, as `agreement`: mean over `SPLITS`."""
+        found = []
+        for first in self._halves:
+            second = {name: ~of for name, of in first.items()}
+            one, other = (self._ranked("held-out", keep, draws=1) for keep in (first, second))
+            found.append(tau(one, other, self.ranking))
+        return mean_of([of[0] for of in found]), mean_of([of[1] for of in found])
+
+    @functools.cached_property
+    def generated_agrees(self) -> tuple[float, float, float]:
+        """Kendall's tau of the orders on generated and on recorded walks, and its range on random halves of the units.
+
+        NaN where a board has only one of both.
+        """
+        generated = {listed.env for listed in self.environments() if listed.is_generated}
+        recorded = {listed.env for listed in self.environments()} - generated
+        if not generated or not recorded:
+            return (math.nan,) * 3
+        found = []
+        for keep in ({}, *self._halves):
+            one, other = (
+                self._ranked("held-out", {name: keep[name] for name in envs}, draws=1)
+                if keep
+                else self.ranked("held-out", envs=envs, draws=1)
+                for envs in (generated, recorded)
+            )
+            found.append(tau(one, other, self.ranking)[1])
+        return found[0], min(found[1:]), max(found[1:])
+
+    @functools.cached_property
+    def _halves(self) -> list[dict[str, BoolArray]]:
+        """Random halves of the units of each environment: for every walk whether it is in the first."""
+        rng, found = np.random.default_rng(DRAW_SEED), []
+        for _ in range(SPLITS):
+            first = {}
+            for listed in self.environments():
+                units = [walk.unit for walk in self.walks[listed.env, "held-out"].walks]
+                names = sorted(set(units))
+                chosen = set(rng.permutation(names)[: len(names) // 2].tolist())
+                first[listed.env] = np.array([unit in chosen for unit in units])
+            found.append(first)
+        return found
+
+
+def tau(one: Ranking | None, other: Ranking | None, told: Ranking | None = None) -> tuple[float, float]:
+    """Kendall's tau of two orders: over pairs told apart by `told`, else by the first, and over all.
+
+    NaN where there is no such pair.
+    """
+    if one is None or other is None:
+        return math.nan, math.nan
+    told = told or one
+    first, second = ({of.name: number for number, of in enumerate(ranking.standings)} for ranking in (one, other))
+    names = [of.name for of in told.standings]
+    known = [row for row, name in enumerate(names) if name in first and name in second]
+    pairs = [(i, j) for j in known for i in known if i < j]
+    signs = np.array(
+        [
+            1.0 if (first[names[i]] < first[names[j]]) == (second[names[i]] < second[names[j]]) else -1.0
+            for i, j in pairs
+        ]
+    )
+    apart = np.array([bool(told.pairs.is_apart[i, j]) for i, j in pairs], bool)
+    return mean_of(signs[apart]), mean_of(signs)
 
 
 def pooled(divisions: Sequence[DivisionRecord], quantiles: Sequence[float]) -> list[float]:

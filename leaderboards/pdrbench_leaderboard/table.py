@@ -55,7 +55,8 @@ def page(board: Board, tables: Sequence[Table]) -> str:
         lines += [f"## {DIVISION_TITLES[table.division]}", "", *_grid(head, rows, LEFT), ""]
         lines += [f"* {text}" for text in notes(table)] + [""]
         head, strata = strata_of(table)
-        lines += ["Off by, in metres, by environment and kind of walk:", "", *_grid(head, strata, {"entry"}), ""]
+        if strata:
+            lines += ["Off by, in metres, by environment and kind of walk:", "", *_grid(head, strata, {"walks"}), ""]
     return "\n".join(lines)
 
 
@@ -166,6 +167,18 @@ def notes(table: Table) -> Iterator[str]:
             f"Kendall's tau of the orders on public and on held-out walks: {every:.2f} over all pairs, "
             f"{number(apart)} over those told apart."
         )
+    apart, every = table.halves_agree
+    if math.isfinite(every):
+        yield (
+            f"Kendall's tau of the orders on two random halves of the units: {every:.2f} over all pairs, "
+            f"{number(apart)} over those told apart."
+        )
+    every, low, high = table.generated_agrees
+    if math.isfinite(every):
+        yield (
+            f"Kendall's tau of the orders on generated and on recorded walks: {every:.2f} over all pairs, "
+            f"{low:.2f} to {high:.2f} on random halves of the units."
+        )
     for row in table.rows:
         if not row.is_complete:
             reasons = sorted(
@@ -187,28 +200,22 @@ def _general_notes(table: Table) -> Iterator[str]:
     )
     yield (
         "Off by: geometric mean over walks of the third quartile of the error (p75), 15 m added for each wrong level, "
-        "in brackets its 95 % interval; environments have equal weight. The rank is an interval: the places that "
-        "paired tests cannot exclude (sign flips by unit, Holm over all pairs, 5 %)."
+        "in brackets its 95 % interval; environments count alike, below 30 units by their number. The rank is an "
+        "interval: the places that paired tests cannot exclude (sign flips by unit, Holm over all pairs, 5 %)."
     )
 
 
 def strata_of(table: Table) -> tuple[list[str], list[list[str]]]:
-    """Header and lines of scores by environment and by group of walks."""
+    """Header and lines of scores by environment and by group of walks: a line for each, a column for each entry."""
     groups = {
         name: {of.name: of.score_m for of in ranking.standings}
         for name in table.groups
-        if (ranking := table.ranked("held-out", group=name)) is not None
+        if (ranking := table.ranked("held-out", group=name, draws=1)) is not None
     }
     envs = [listed.env for listed in table.environments()] if len(table.environments()) > 1 else []
-    head = ["entry", *envs, *groups]
-    if len(head) == 1:
-        return head, []
-    lines = []
-    for row in table.rows:
-        values = [*(row.by_env.get(env, math.nan) for env in envs)]
-        values += [of.get(row.name, math.nan) for of in groups.values()]
-        lines.append([f"`{row.name}`", *map(number, values)])
-    return head, lines
+    lines = [[env, *(number(row.by_env.get(env, math.nan)) for row in table.rows)] for env in envs]
+    lines += [[name, *(number(of.get(row.name, math.nan)) for row in table.rows)] for name, of in groups.items()]
+    return ["walks", *(f"`{row.name}`" for row in table.rows)], lines
 
 
 def _grid(

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.ranking import NUM_ENTRIES, smallest_ratio
+from pdrbench.metrics.ranking import NUM_ENTRIES, environment_weights, smallest_ratio
 from pdrbench.metrics.statistics import MIN_UNITS, Units, unit_codes
 
 MAX_FACTOR: Final = 1e6  # times as many walks: beyond, no number of walks is worth a line
@@ -81,8 +81,8 @@ def measured_spread(differences: FloatArray, units: Units) -> Spread:
 def neighbour_error(spreads: Sequence[Mapping[str, Spread]], designs: Mapping[str, Design]) -> tuple[float, float]:
     """Median over pairs of the standard error of the logarithm of the ratio, and its degrees of freedom; NaN without.
 
-    Environments have equal weight: se^2 = sum over them of unit / K + (walk + seed) / W, over their number squared;
-    degrees of freedom are K - 1 of each, and Welch's over all.
+    se^2 = sum over environments of w^2 (unit / K + (walk + seed) / W) with w of `environment_weights`; degrees of
+    freedom are K - 1 of each, and Welch's over all.
 
     Args:
         spreads: For each pair of neighbours, by environment.
@@ -90,13 +90,14 @@ def neighbour_error(spreads: Sequence[Mapping[str, Spread]], designs: Mapping[st
     """
     errors, of_degrees = [], []
     for pair in spreads:
-        variances = np.array(
+        weights = environment_weights([designs[env].units for env in pair])
+        variances = weights**2 * np.array(
             [(of.unit / designs[env].units + (of.walk + of.seed) / designs[env].walks) for env, of in pair.items()]
         )
         if not np.isfinite(variances).all() or not variances.sum() > 0:
             continue
         degrees = np.array([designs[env].units - 1 for env in pair])
-        errors.append(math.sqrt(variances.sum()) / len(pair))
+        errors.append(math.sqrt(variances.sum()))
         of_degrees.append(float(variances.sum() ** 2 / np.sum(variances**2 / degrees)))
     return (float(np.median(errors)), float(np.median(of_degrees))) if errors else (math.nan, math.nan)
 

@@ -1,8 +1,9 @@
 """Who is ahead, by how much, and how sure that is: localizers in their order on the walks of some environments.
 
-The score is the geometric mean over walks of an error, environments with equal weight. Two localizers differ by a ratio
-on the same walks, and walks of one unit count as one observation; see `statistics`. Where an environment has fewer than
-`MIN_UNITS` units, such as one person, its walks are the units: the result then holds for those people or buildings.
+The score is the geometric mean over walks of an error, environments weighted by `environment_weights`. Two localizers
+differ by a ratio on the same walks, and walks of one unit count as one observation; see `statistics`. Where an
+environment has fewer than `MIN_UNITS` units, such as one person, its walks are the units: the result then holds for
+those people or buildings.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from pdrbench.metrics.statistics import (
 SIGNIFICANT: Final = 0.05  # p-value, corrected, below which two localizers are told apart
 NUM_ENTRIES: Final = 15  # of a board for which power is stated: those of version 1.0
 POWER: Final = 0.8  # by convention
+FULL_UNITS: Final = 30  # ours: so many buildings or people give an environment its full weight
 MAX_LOG_RATIO: Final = 20.0  # two or three units tell nothing: no localizer errs 5e8 times as much
 
 
@@ -43,7 +45,7 @@ class Standing:
         walks: Walks that it played to their end.
         of: Walks that any localizer played. Those that this one lacks are imputed, see `rank`.
         rank: Lowest and highest place that the paired tests cannot exclude; 1 is best.
-        score_m: Geometric mean over walks, environments with equal weight.
+        score_m: Geometric mean over walks, environments weighted by `environment_weights`.
         low_m: Lower end of its 95 % interval, NaN where an environment has fewer than `MIN_UNITS` walks.
         high_m: Upper end.
         ratio: Its score over that of the best.
@@ -144,11 +146,11 @@ def rank(
 ) -> Ranking:
     """Puts localizers into order by the geometric mean over walks of an error, and tells them apart in pairs.
 
-    Score = exp(mean over environments of mean over walks of log max(error, noise_m)). Pairs are compared by the
-    logarithm of their ratio: intervals by the spread of units within environments (CR2 with Satterthwaite's degrees of
-    freedom, see `statistics.mean_interval`; Welch's over environments), p-values by flipping the signs of whole units,
-    adjusted over all pairs (Holm 1979). A rank is an interval: from 1 + those significantly better, to all but those
-    significantly worse.
+    Score = exp(weighted mean over environments of mean over walks of log max(error, noise_m)). Pairs are compared by
+    the logarithm of their ratio: intervals by the spread of units within environments (CR2 with Satterthwaite's degrees
+    of freedom, see `statistics.mean_interval`; Welch's over environments), p-values by flipping the signs of whole
+    units, adjusted over all pairs (Holm 1979). A rank is an interval: from 1 + those significantly better, to all but
+    those significantly worse.
 
     A walk that a localizer declined or failed counts with the worst answer that any localizer has there, and with its
     own worst in that environment where this is worse, so that it never pays to leave a walk out. Of equal scores the
@@ -170,7 +172,7 @@ def rank(
     parts = {env: part for env, part in found.items() if part.log_m.size}
     if not parts:
         raise ValueError("nothing to rank: no localizer has a value on any walk")
-    score = np.mean([part.log_m.mean(axis=1) for part in parts.values()], axis=0)
+    score = _score(list(parts.values()))
     missing = np.sum([(~part.is_played).sum(axis=1) for part in parts.values()], axis=0)
     order = sorted(range(len(names)), key=lambda row: (round(float(score[row]), 12), missing[row], names[row]))
     ordered = [part.take(order) for part in parts.values()]
@@ -184,6 +186,19 @@ def rank(
         by_walk=frozenset(env for env, part in parts.items() if part.num_units < MIN_UNITS),
         unranked=tuple(name for name in values if name not in names),
     )
+
+
+def environment_weights(num_units: Sequence[float]) -> FloatArray:
+    """(E,) weights of environments in a score: equal from `FULL_UNITS` units on, below it by their number.
+
+    Eight walks in four buildings say too little to count as much as two hundred buildings do.
+
+    >>> environment_weights([200, 30, 15]).tolist()
+    [0.4, 0.4, 0.2]
+    """
+    counted = np.minimum(np.asarray(num_units, dtype=np.float64), FULL_UNITS)
+    weights: FloatArray = counted / counted.sum()
+    return weights
 
 
 def smallest_ratio(error: float, degrees: float, num_entries: int = NUM_ENTRIES) -> float:
@@ -232,13 +247,24 @@ def _part(values_m: Sequence[ArrayLike | None], units: Units, noise_m: float) ->
     return _Part(np.log(np.maximum(errors_m, noise_m)), is_played, code, num_units)
 
 
+def _weights(parts: Sequence[_Part]) -> FloatArray:
+    return environment_weights([len(np.unique(part.code)) for part in parts])
+
+
+def _score(parts: Sequence[_Part]) -> FloatArray:
+    """(N,) logarithms of scores."""
+    score: FloatArray = _weights(parts) @ np.array([part.log_m.mean(axis=1) for part in parts])
+    return score
+
+
 def _pairs(parts: Sequence[_Part], rng: np.random.Generator, draws: int) -> Pairs:
     num = len(parts[0].log_m)
     first, second = np.triu_indices(num, 1)
     error, degrees = _errors([part.log_m[first] - part.log_m[second] for part in parts], parts)
-    sums = np.concatenate([_unit_means(part) for part in parts]) / len(parts)
+    weights = _weights(parts)
+    sums = np.concatenate([weight * _unit_means(part) for weight, part in zip(weights, parts, strict=True)])
     p_holm = holm(sign_flip_p(sums, rng=rng, draws=draws))
-    score = np.mean([part.log_m.mean(axis=1) for part in parts], axis=0)
+    score = _score(parts)
 
     def square(of_pairs: FloatArray, diagonal: float) -> FloatArray:
         matrix = np.full((num, num), diagonal)
@@ -257,10 +283,10 @@ def _unit_means(part: _Part) -> FloatArray:
 def _errors(logs: Sequence[FloatArray], parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray]:
     """(M,) standard errors of the means of (M, W) values of each environment, and degrees of freedom; Welch 1947."""
     variances, of_degrees = [], []
-    for values, part in zip(logs, parts, strict=True):
+    for values, part, weight in zip(logs, parts, _weights(parts), strict=True):
         found = weighted_mean(values.T, np.ones(len(part.code)), part.code)
         error, degrees = (np.full(len(values), math.nan), math.nan) if found is None else found[1:]
-        variances.append((error / len(parts)) ** 2)
+        variances.append((weight * error) ** 2)
         of_degrees.append(degrees)
     total = np.sum(variances, axis=0)
     squares = np.sum([variance**2 / degrees for variance, degrees in zip(variances, of_degrees, strict=True)], axis=0)
@@ -269,7 +295,7 @@ def _errors(logs: Sequence[FloatArray], parts: Sequence[_Part]) -> tuple[FloatAr
 
 
 def _standings(names: Sequence[str], parts: Sequence[_Part], pairs: Pairs, best: int) -> Iterator[Standing]:
-    score = np.mean([part.log_m.mean(axis=1) for part in parts], axis=0)
+    score = _score(parts)
     error, degrees = _errors([part.log_m for part in parts], parts)
     walks = np.sum([part.is_played.sum(axis=1) for part in parts], axis=0)
     is_worse = pairs.is_worse

@@ -39,7 +39,8 @@ def test_errors_of_environments_add_up() -> None:
     pair = {"E-v1": Spread(0.4, 0.0, 0.0), "F-v1": Spread(0.1, 0.3, 0.1)}
     designs = {"E-v1": Design(40, 40), "F-v1": Design(10, 80)}
     error, degrees = neighbour_error([pair], designs)
-    assert error == pytest.approx(math.sqrt(0.4 / 40 + 0.1 / 10 + 0.4 / 80) / 2)
+    large, small = 30 / 40, 10 / 40  # weights: ten units are a third of thirty
+    assert error == pytest.approx(math.sqrt(large**2 * 0.4 / 40 + small**2 * (0.1 / 10 + 0.4 / 80)))
     assert 9 < degrees < 49
     assert math.isnan(neighbour_error([{"E-v1": Spread(0.0, 0.0, 0.0)}], designs)[0]), "they answer the same"
 

@@ -56,20 +56,21 @@ def test_no_walk_counts_as_better_than_its_reference() -> None:
     assert [of.rank for of in found.standings] == [(1, 2), (1, 2)] and found.ties == (("a", "b"),)
 
 
-def test_environments_have_equal_weight() -> None:
+@pytest.mark.parametrize(("small", "share"), [(30, 1 / 2), (500, 1 / 2), (15, 1 / 3), (5, 1 / 7)])
+def test_environments_count_alike_from_thirty_units_on(small: int, share: float) -> None:
     values = {
-        "a": {"Small-v1": np.full(5, 1.0), "Large-v1": np.full(500, 8.0)},
-        "b": {"Small-v1": np.full(5, 4.0), "Large-v1": np.full(500, 8.0)},
+        "a": {"Small-v1": np.full(small, 1.0), "Large-v1": np.full(500, 8.0)},
+        "b": {"Small-v1": np.full(small, 4.0), "Large-v1": np.full(500, 8.0)},
     }
     found = rank(
         values,
-        units={"Small-v1": np.arange(5), "Large-v1": np.arange(500)},
+        units={"Small-v1": np.arange(small), "Large-v1": np.arange(500)},
         noise_m={"Small-v1": 0.1, "Large-v1": 0.1},
         rng=np.random.default_rng(0),
         draws=100,
     )
-    assert [of.score_m for of in found.standings] == pytest.approx([math.sqrt(8.0), math.sqrt(32.0)])
-    assert found.standings[1].ratio == pytest.approx(2.0)
+    assert [of.score_m for of in found.standings] == pytest.approx([8.0 ** (1 - share), 8.0 * 0.5**share])
+    assert found.standings[1].ratio == pytest.approx(4.0**share)
 
 
 def test_a_missing_walk_counts_with_the_worst_answer_there_and_with_its_own_worst() -> None:

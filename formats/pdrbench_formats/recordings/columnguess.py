@@ -99,8 +99,8 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     baro = next((bases[base] for base in _BARO_NAMES if base in bases), None)
     if baro is None and sensor == "baro":
         baro = next((bases[base] for base in ("x", *_FILLERS) if base in bases), None)
-    stated = (name for name, (_, unit) in named.items() if unit_of("baro_unit", unit))
-    baro = baro or next((name for name in stated if _is_pressure(table, name)), None)
+    in_pressure = (name for name, (_, unit) in named.items() if unit_of("baro_unit", unit))
+    baro = baro or next((name for name in in_pressure if _is_pressure(table, name)), None)
     if baro is not None and (named[baro][0] != "p" or _is_pressure(table, baro)):
         found["baro"] = baro
     level = next((bases[base] for base in LEVEL_NAMES if base in bases), None)
