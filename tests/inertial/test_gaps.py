@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import FootFilter, FootParams, navigate
+from pdrbench.inertial import FootParams, navigate
 from pdrbench.inertial.gaps import GapFiller
 from pdrbench_sim.foot.known_walk import walk
 
@@ -88,13 +88,3 @@ def test_steady_strides_lose_little_by_gaps(measure: Any, rng: np.random.Generat
     assert off_m < min(off_left_m / 3, 3 * states.sigma_m[-1])
     whole = navigate(*measured)
     assert states.sigma_m[-1] > 3 * whole.sigma_m[-1]
-
-
-def test_the_filter_in_pieces_carries_on_as_in_one(measure: Any, rng: np.random.Generator) -> None:
-    motion = walk(10)
-    kept = (motion.t_s < 7.0) | (motion.t_s > 7.4)
-    rows = [values[kept] for values in measure(motion, rng)]
-    whole = FootFilter(RATE_HZ).update(*rows)
-    footing = FootFilter(RATE_HZ)
-    parts = [footing.update(*(v[low:high] for v in rows)) for low, high in pairwise(range(0, len(rows[0]) + 150, 150))]
-    np.testing.assert_array_equal(np.concatenate([part.x for part in parts]), whole.x)
