@@ -54,11 +54,15 @@ def _true_rest(motion: FootMotion, sigma_mps: float = 0.01) -> Rest:
     return Rest(np.where(motion.is_rest, sigma_mps, np.inf), moving, np.zeros(len(motion)))
 
 
-def _run_kernel(measured: Measured, params: FootParams, field: np.ndarray | None = None) -> Run:
+def _run_kernel(
+    measured: Measured, params: FootParams, field: np.ndarray | None = None, carried: slice | None = None
+) -> Run:
     """Filters everything after the first 20 samples, in which the foot has to rest, and keeps a record."""
     before, after = slice(0, 20), slice(20, None)
     start = level(float(measured.t_s[19]), measured.accel[before], params)
     rest = Rest(*(v[after] for v in detect(*measured, params.detector)))
+    if carried is not None:
+        rest.sigma_mps[carried], rest.rate_sigma_radps[carried] = np.nan, np.inf
     t_s, accel, gyro = (v[after] for v in measured)
     used = np.full(accel.shape, np.nan) if field is None else field[after]
     states, record = empty_states(t_s, rest), empty_record(len(t_s), len(start.cov))
