@@ -1,4 +1,4 @@
-"""What a task owes to its walks: units of replication, groups, folds."""
+"""What a task owes to its walks, units of replication, groups, folds; what a localizer asks of its briefing."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.errors import RecordingError
+from pdrbench.errors import RecordingError, UnsuitableError
+from pdrbench.localizer import Briefing, Carrier
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import make_task
+from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 
@@ -66,3 +68,28 @@ def test_without_a_start_and_a_building_a_silent_localizer_is_in_the_middle_of_t
 def test_units_of_environments(env: str, kind: str, num_units: int) -> None:
     task = make_task(env)
     assert (task.unit_kind, len({task.units[walk] for walk in task.walks["test"]})) == (kind, num_units)
+
+
+SENSORS = {"accel": replace(sensor_spec("accel"), rate_hz=50.0), "gyro": replace(sensor_spec("gyro"), rate_hz=None)}
+
+
+@pytest.mark.parametrize(
+    ("mounting", "carrier", "why"),
+    [
+        ("hand", "foot", "is carried in the hand"),
+        ("", "foot", "may be carried anywhere"),
+        ("foot", "phone", "needs a phone"),
+    ],
+)
+def test_a_device_carried_elsewhere_is_declined(mounting: str, carrier: Carrier, why: str) -> None:
+    briefing = Briefing(None, SENSORS, 0.2, mounting=mounting)
+    with pytest.raises(UnsuitableError, match=why):
+        briefing.require(carrier=carrier)
+    briefing.require(carrier=briefing.carrier)
+
+
+def test_a_slow_sensor_is_declined_where_its_rate_is_known() -> None:
+    briefing = Briefing(None, SENSORS, 0.2)
+    briefing.require(sensors=("accel", "gyro"), min_rate_hz=50.0)
+    with pytest.raises(UnsuitableError, match=r"'accel' at 80 Hz or more; this one has 50 Hz"):
+        briefing.require(sensors=("gyro", "accel"), min_rate_hz=80.0)

@@ -265,9 +265,9 @@ class FootFilter:
         for wide, values in zip(spread, (*rest, used), strict=True):
             wide[at] = values
         spread[1][is_carried] = np.inf
-        begin = at[begin] if begin < len(at) else len(samples)
+        begin = int(np.append(at, len(samples))[begin]) if begin else 0  # a filter that has begun takes all of them
         states = empty_states(samples[:, 0], Rest(*spread[:3]))
-        return Piece(int(begin), states, samples[:, 1:4], samples[:, 4:7], spread[3], is_carried)
+        return Piece(begin, states, samples[:, 1:4], samples[:, 4:7], spread[3], is_carried)
 
 
 class Leveller:
