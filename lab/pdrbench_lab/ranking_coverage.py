@@ -18,6 +18,7 @@ BOARDS: Final = {
     "200 buildings and 88 outings of two walks": ((200, 1), (88, 2)),
     "200 buildings and 8 routes": ((200, 1), (8, 1)),
     "23 walks of one person": ((23, 1),),
+    "200 buildings, 31 outings of five walks, 11 of six, four of two": ((200, 1), (31, 5), (11, 6), (4, 2)),
 }
 LOST_FRACTION: Final = 0.1  # of walks on which an entry errs eight times as much, which gives a long upper tail
 
