@@ -305,17 +305,6 @@ def write_scans(place: Path, first: int) -> None:
     native.write(Recording(place.name, None, {"wifi": SensorStream(sensor_spec("wifi"), wifi)}, way), place)
 
 
-def test_the_survey_leaves_out_the_own_scans(tmp_path: Path) -> None:
-    write_scans(tmp_path / "a", 100)
-    write_scans(tmp_path / "b", 200)
-    (tmp_path / "task.toml").write_text('[task]\nid = "Survey-v0"\n[survey]\nwalks = ["a", "b"]\n')
-    task = make_task(str(tmp_path))
-    radio_map = task.radio_map(task.load("a"))
-    assert radio_map is not None and len(radio_map) == 5 and not radio_map.surveyed
-    assert radio_map.access_point.min() >= 200
-    np.testing.assert_allclose(radio_map.xy_m, [[1.0, 0], [3, 0], [5, 0], [7, 0], [9, 0]])
-
-
 ADDRESSES = ("02:00:00:00:00:01", "02:00:00:00:00:02")
 SCANS = (
     "x_m,y_m,level,access_point,rssi_dbm\n"

@@ -1,11 +1,9 @@
 """Which walks of the malls are train, val and test, and which of them the radio survey of a walk is made of.
 
-A surveyor walks a mall corridor by corridor, so that walks of one hour share the phone's state, the networks on the air
-and often the very corridor. Splits, folds and surveys are therefore made of *outings*: recording sessions of one mall
-that follow one another within ten minutes, over floors. An outing that lasts longer than about twenty minutes is cut
-between sessions into parts of about that length. No session is ever cut, and no walk is chosen: outings are drawn by a
-keyed hash. Where parts of one outing lie in different splits, sessions within ten minutes of the other side stay walks
-of their split and are left out of its survey.
+Splits, folds and surveys are made of *outings* (`pdrbench_formats.outings`) of recording sessions of one mall, over
+floors. No session is ever cut, and no walk is chosen: outings are drawn by a keyed hash. Where parts of one outing lie
+in different splits, sessions within ten minutes of the other side stay walks of their split and are left out of its
+survey.
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ from __future__ import annotations
 import csv
 import functools
 import hashlib
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,9 +19,8 @@ from importlib.resources import files as package_files
 from typing import Final
 
 from pdrbench.datasets import datasets
+from pdrbench_formats.outings import is_near, parted
 
-GUARD_S: Final = 600.0  # between two outings, and between the walks of a split and every scan of their survey
-OUTING_S: Final = 1200.0  # about how long a part of a long outing is
 UNSEEN_FLOORS: Final = (("site2", "F3"), ("site2", "F8"))  # the floors with the fewest walks, until they hold thirty
 LATER_S: Final = 1575475200.0  # 2019-12-05 00:00 in the time zone of the malls (UTC+8), unix
 SURVEY_ENDS_S: Final = 1575129600.0  # 2019-12-01 00:00 there: what is recorded later is in no survey
@@ -82,8 +80,7 @@ class Session:
 
     def is_near(self, other: Session) -> bool:
         """True where both are of one mall and less than the guard apart."""
-        is_apart = self.start_s > other.end_s + GUARD_S or other.start_s > self.end_s + GUARD_S
-        return self.walks[0].site == other.walks[0].site and not is_apart
+        return self.walks[0].site == other.walks[0].site and is_near(self, other)
 
 
 Outing = tuple[Session, ...]  # in order of time
@@ -162,21 +159,9 @@ def known_and_other_outings() -> tuple[tuple[Outing, ...], tuple[Outing, ...]]:
 
 
 def outings_of(sessions: Iterable[Session]) -> Iterator[Outing]:
-    """Sessions in order of mall, group and time, parted where more than the guard, and cut where longer than a part."""
-    together: list[list[Session]] = []
-    for session in sessions:
-        last = together[-1][-1] if together else None
-        if last is None or last.walks[0].group != session.walks[0].group or not last.is_near(session):
-            together.append([])
-        together[-1].append(session)
-    for outing in together:
-        start_s, length_s = outing[0].start_s, outing[-1].end_s - outing[0].start_s
-        num_parts = max(1, round(length_s / OUTING_S))
-        parts: dict[int, list[Session]] = defaultdict(list)
-        for session in outing:
-            middle_s = (session.start_s + session.end_s) / 2 - start_s
-            parts[min(num_parts - 1, int(middle_s / length_s * num_parts))].append(session)
-        yield from (tuple(part) for part in parts.values())
+    """Sessions in order of mall, group and time, parted into outings."""
+    for _, of_group in itertools.groupby(sessions, key=lambda each: (each.walks[0].site, each.walks[0].group)):
+        yield from parted(of_group)
 
 
 def num_walks(outing: Outing) -> Counter[tuple[str, str]]:

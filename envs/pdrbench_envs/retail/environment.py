@@ -21,10 +21,10 @@ from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.malls.environment import PERIOD_S, SENSORS, after_first_scan, after_start
-from pdrbench_envs.malls.splits import Session, Walk, outings_of
 from pdrbench_envs.recorded import opaque_id
 from pdrbench_envs.retail.buildings import BuildingIndex, WalkFacts, index_of, log_of, plan_of, scans_of
 from pdrbench_envs.retail.sources import DATASET, sites
+from pdrbench_formats.outings import surveyed
 
 MOUNTING: Final = "hand"  # held flat in front of the body, as the app asks for
 SAMPLED_CAPACITY: Final = 128  # 400 Hz for 0.2 s makes 80 rows
@@ -165,15 +165,11 @@ def _played_walks(indexes: tuple[BuildingIndex, ...]) -> Mapping[str, Played]:
 
 
 def _of_building(index: BuildingIndex) -> list[Played]:
-    facts = {index.path(walk): walk for walk in index.walks}
-    walks = (Walk(path, path, walk.start_s, walk.end_s) for path, walk in facts.items())
-    sessions = [Session(walk.path, (walk,)) for walk in walks]
-    outings = list(outings_of(sorted(sessions, key=lambda one: (one.walks[0].group, one.start_s))))
-    played = []
-    for outing in outings:
-        survey = tuple(sorted(one.name for one in sessions if not any(one.is_near(other) for other in outing)))
-        played += [Played(index, facts[one.name], outing[0].name, survey) for one in outing]
-    return played
+    return [
+        Played(index, walk, index.path(outing[0]), tuple(sorted(map(index.path, survey))))
+        for outing, survey in surveyed(index.walks)
+        for walk in outing
+    ]
 
 
 def _unit(walk: str, played: Played) -> str:

@@ -28,13 +28,17 @@ RESULTS_FOLDER: Final = "results"
 START_HELP: Final = "Where the walk begins, in metres of the plan."
 HEADING_HELP: Final = "Heading of travel there, counter-clockwise from the x axis (east)."
 OFFSET_HELP: Final = "Added to the times of the places, whose clock is another."
+SURVEY_HELP: Final = "Radio survey: table, recording, or folder of them; the own outing is left out. Repeatable."
 TRUTH_HELP: Final = "Places to score against: CSV with t_s,x_m,y_m,level."
 
 
 def try_(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings: files, folders or zip archives.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings; or a folder of one building.")],
     plan: Annotated[
         Path | None, typer.Option("--map", metavar="PLAN", help="Plan of the building.", show_default="none")
+    ] = None,
+    survey: Annotated[
+        list[Path] | None, typer.Option(metavar="PATH", help=SURVEY_HELP, show_default="none; of a building, its walks")
     ] = None,
     columns: Annotated[Path | None, typer.Option(metavar="FILE", help=COLUMNS_HELP, show_default="guessed")] = None,
     start: Annotated[str | None, typer.Option(metavar="X,Y,LEVEL", help=START_HELP, show_default="first place")] = None,
@@ -76,7 +80,9 @@ def try_(
         )
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
 
-        wishes = Wishes(plan, columns, _start(start), heading, truth, mounting, truth_offset, doors)
+        wishes = Wishes(
+            plan, columns, _start(start), heading, truth, mounting, truth_offset, doors, tuple(survey or ())
+        )
         names = localizer or (None if plays_all else (*ADVISED, STANDING))
         localizers = ready_localizers(names, SPLIT, isolation)
         path, notes = write_draft(files, wishes, make_folder(out))

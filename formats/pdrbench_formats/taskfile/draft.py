@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -11,9 +11,20 @@ import msgspec
 from pdrbench.errors import RecordingError
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.detect import read_plan
-from pdrbench_formats.taskfile.files import file_facts, with_companions
+from pdrbench_formats.taskfile.files import file_facts, walks_below, with_companions
 from pdrbench_formats.taskfile.index import Index
-from pdrbench_formats.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
+from pdrbench_formats.taskfile.places import PlanAlignment
+from pdrbench_formats.taskfile.schema import (
+    PlanTable,
+    StartTable,
+    SurveyTable,
+    TaskFile,
+    TaskTable,
+    WalkTable,
+    as_toml,
+)
+from pdrbench_formats.taskfile.surveyed import best_surveyed
+from pdrbench_formats.taskfile.walk import WalkReader
 
 DRAFT_ID = "Try-v0"
 
@@ -31,6 +42,7 @@ class Wishes:
         mounting: Where the device was carried; empty for what the file says, or shows.
         truth_offset_s: What is added to the times of `truth`.
         doors: What is done for rooms of the plan without one.
+        surveys: Files and folders of a radio survey.
     """
 
     plan: Path | None = None
@@ -41,6 +53,7 @@ class Wishes:
     mounting: str = ""
     truth_offset_s: float = 0.0
     doors: str = "none"
+    surveys: tuple[Path, ...] = ()
 
 
 def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Path, list[str]]:
@@ -59,8 +72,17 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
     columns = None if wishes.columns is None else str(wishes.columns.absolute())
     content = TaskFile(task=TaskTable(id=DRAFT_ID, summary="Recordings that were tried"), columns=columns)
     index = Index(path)
-    plan = None if wishes.plan is None else read_plan(wishes.plan)
+    if wishes.surveys:
+        content = msgspec.structs.replace(content, survey=_survey(wishes))
     walks, notes = [], []
+    if (
+        len(files) == 1
+        and len(found := walks_below(path, content, WalkTable(file=str(files[0].absolute())), index)) > 1
+    ):
+        wishes = replace(wishes, surveys=wishes.surveys or tuple(files))
+        content = msgspec.structs.replace(content, survey=_survey(wishes))
+        files, notes = best_surveyed(files[0], WalkReader(path, content, None, PlanAlignment(), None), found, index)
+    plan = None if wishes.plan is None else read_plan(wishes.plan)
     for file, name in zip(files, _names(files), strict=True):
         table = WalkTable(
             file=str(file.absolute()),
@@ -79,7 +101,9 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
             continue
         has_places = facts.first_s is not None and (plan is None or plan.geo is not None or facts.geo is None)
         has_places = has_places or bool(with_companions(path, table).truth)
-        if wishes.start is None and not has_places:
+        if wishes.start is None and not has_places and wishes.surveys:
+            content = msgspec.structs.replace(content, task=msgspec.structs.replace(content.task, start="unknown"))
+        elif wishes.start is None and not has_places:
             heading_deg = wishes.heading_deg or 0.0
             table = msgspec.structs.replace(table, start=StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))
             unused = f"; {wishes.plan.name} is not used" if wishes.plan is not None else ""
@@ -104,6 +128,10 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
     index.save()
     path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8", newline="\n")
     return path, notes
+
+
+def _survey(wishes: Wishes) -> SurveyTable:
+    return SurveyTable(file=tuple(str(survey.absolute()) for survey in wishes.surveys))
 
 
 def _start(wishes: Wishes) -> StartTable | None:

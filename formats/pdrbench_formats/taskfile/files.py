@@ -32,6 +32,7 @@ COLUMNS_END: Final = "_columns.toml"  # of the name of a column map beside a tab
 TABLE: Final = "csv"  # the format that column maps explain
 TABLE_ENDS: Final = (".csv", ".tsv", ".txt")
 MAX_FILES: Final = 10_000  # of a recording that is a folder
+BETWEEN: Final = "path_data_files"  # folder between those of floors and walks, in ILC20
 Stamp = tuple[int, int]
 
 
@@ -41,7 +42,9 @@ class FileFacts(msgspec.Struct, frozen=True):
     Attributes:
         geo: Latitude and longitude of (0, 0) of its places; None where they are in metres of a plan.
         first_s: Time of the first place; None where there is none.
+        level: Of the first place; None where there is none.
         start_unix_s: Time 0 in seconds since 1970; None where the file does not say.
+        end_s: Time of the last row of any sensor.
         findings: What the reader found that a user should know.
         mounting: Where the device was carried, as far as the file says.
         is_shoe: True where the file does not say so, and it moved as a shoe does.
@@ -49,7 +52,9 @@ class FileFacts(msgspec.Struct, frozen=True):
 
     geo: tuple[float, float] | None
     first_s: float | None
+    level: int | None
     start_unix_s: float | None
+    end_s: float
     findings: tuple[str, ...]
     mounting: str
     is_shoe: bool
@@ -63,6 +68,11 @@ class FileFacts(msgspec.Struct, frozen=True):
 def beside(path: Path, name: str) -> Path:
     """A file that a task file names."""
     return path.parent / Path(name).expanduser()
+
+
+def place_of(path: Path, table: WalkTable) -> Path:
+    """The file of a walk, by which two tables are known to name the same."""
+    return beside(path, table.file).resolve()
 
 
 def stamp(place: Path) -> Stamp:
@@ -100,6 +110,24 @@ def survey_tables(content: TaskFile) -> tuple[WalkTable, ...]:
     return () if content.survey is None else tuple(WalkTable(file=name) for name in content.survey.files)
 
 
+def walks_below(path: Path, content: TaskFile, table: WalkTable, index: Index) -> list[WalkTable]:
+    """The table itself; of a folder that is no recording, one for every recording in it and in its folders."""
+    place, told = beside(path, table.file), functools.partial(_told_format, path, content, index=index)
+    if not place.is_dir() or told(table):
+        return [with_companions(path, table)]
+    nested = next((file for file in place.glob("*/*/*.txt*") if file.parent.name != BETWEEN), None)
+    if nested is not None:
+        raise RecordingError(
+            f"{place}: the walks of a building lie in its folder or in those of its floors, not as deep as {nested}; "
+            f"name one building: {place / nested.relative_to(place).parts[0]}"
+        )
+    named = (file.relative_to(place) for file in sorted(place.rglob("*"))[:MAX_FILES] if file.is_file())
+    shown = (name for name in named if not any(part.startswith(".") for part in name.parts))
+    every = (with_companions(path, WalkTable(file=str(Path(table.file) / name))) for name in shown)
+    tables = (one for one in every if not one.file.endswith((TRUTH_END, COLUMNS_END)))
+    return [msgspec.structs.replace(one, format=kind) for one in tables if (kind := told(one))]
+
+
 def with_companions(path: Path, table: WalkTable) -> WalkTable:
     """The table of a walk with the truth and the column map that lie beside its file."""
     file = Path(table.file)
@@ -134,7 +162,9 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
         return FileFacts(
             geo=None if geo is None else (geo.lat_deg, geo.lon_deg),
             first_s=float(reference.t_s[0]) if len(reference) else None,
+            level=int(reference.level[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),
+            end_s=max((float(of[-1, 0]) for of in rows.values() if len(of)), default=0.0),
             findings=tuple(str(one) for one in getattr(found, "findings", ()) if one.severity != "note"),
             mounting=found.mounting,
             is_shoe=not found.mounting and moves_as_shoe(rows),
@@ -241,10 +271,13 @@ def _found_walks(path: Path, content: TaskFile, index: Index) -> Iterator[WalkTa
         if place in named or place.name.endswith((TRUTH_END, COLUMNS_END)):
             continue
         table = with_companions(path, WalkTable(file=place.name))
-        causes = causes_of(path, content, table)
-        kind = index.facts(f"format {place.name}", str, causes, functools.partial(_walk_format, path, content, table))
-        if kind:
+        if kind := _told_format(path, content, table, index):
             yield WalkTable(file=place.name, format=kind)
+
+
+def _told_format(path: Path, content: TaskFile, table: WalkTable, index: Index) -> str:
+    find = functools.partial(_walk_format, path, content, table)
+    return index.facts(f"format {table.file}", str, causes_of(path, content, table), find)
 
 
 def _walk_format(path: Path, content: TaskFile, table: WalkTable) -> str:

@@ -23,7 +23,7 @@ from pdrbench_formats.taskfile.files import FileFacts
 from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.places import PlanAlignment
 from pdrbench_formats.taskfile.schema import WalkTable, read_task_file
-from pdrbench_formats.taskfile.survey import SURVEY_EXAMPLE, Scans, joined
+from pdrbench_formats.taskfile.surveyed import Survey, survey_of
 from pdrbench_formats.taskfile.walk import StreamFacts, WalkReader, stream_facts
 
 MAX_NOTES: Final = 3  # that stand beside scores
@@ -57,7 +57,7 @@ class Walks:
     Attributes:
         reader: Of their files.
         tables: What the task file says of each walk, by id.
-        survey: A table for each file of the radio survey.
+        survey: The radio survey.
         task: The environment.
         facts: What is known of the file of each walk.
         begin_s: Time 0 of each walk on the clock of its file.
@@ -67,7 +67,7 @@ class Walks:
 
     reader: WalkReader
     tables: Mapping[str, WalkTable]
-    survey: Sequence[WalkTable]
+    survey: Survey
     task: Task
     facts: Mapping[str, FileFacts]
     begin_s: Mapping[str, float]
@@ -116,11 +116,12 @@ class _Opening:
         streams = self._kept(facts, lambda walk: self._streams(walk, facts[walk], is_given=knowledge != "unknown"))
         facts = {walk: facts[walk] for walk in streams}
         begin_s = {walk: self._begin_s(walk, facts[walk]) for walk in facts}
-        specs, survey = self._specs(streams), self._survey()
-        given = (self._tables[walk] for walk in self._survey_walks() if walk not in self._refused)
+        specs, (survey, problems) = self._specs(streams), self._survey()
         source = _Source(
-            self._reader, self._tables, self._refused, specs, [*given, *survey], is_given=knowledge != "unknown"
+            self._reader, self._tables, self._refused, specs, survey, facts, is_given=knowledge != "unknown"
         )
+        said = {walk: survey.note(files.place_of(self._path, self._tables[walk]), one) for walk, one in facts.items()}
+        self._notes += [*problems, *(f"{walk}: {note}" for walk, note in said.items() if note)]
         self._notes += [f"{walk} is refused: {reason}" for walk, reason in self._refused.items()]
         return Walks(
             reader=self._reader,
@@ -278,27 +279,13 @@ class _Opening:
         except RecordingError as error:
             raise RecordingError(f"{self._path}: {error}") from error
 
-    def _survey_walks(self) -> tuple[str, ...]:
+    def _survey(self) -> tuple[Survey, list[str]]:
+        """The survey, and what is left out of it."""
         walks = () if self._content.survey is None else self._content.survey.walks
         for walk in walks:
             if walk not in self._tables:
                 raise unknown_name(f"walk of {self._path}", walk, self._tables)
-        return walks
-
-    def _survey(self) -> list[WalkTable]:
-        """The files of the survey, known to hold scans at places."""
-        tables = [files.with_companions(self._path, table) for table in files.survey_tables(self._content)]
-        for table in tables:
-            causes = files.causes_of(self._path, self._content, table), self._content.plan, self._reader.geo
-            if not self._index.facts(f"survey {table.file}", int, causes, functools.partial(self._num_scans, table)):
-                raise RecordingError(
-                    f"{files.beside(self._path, table.file)}: no WiFi scan at a place; a survey is a recording with "
-                    f"scans and places (in NAME_truth.csv beside it, if not in it), or a table {SURVEY_EXAMPLE}"
-                )
-        return tables
-
-    def _num_scans(self, table: WalkTable) -> int:
-        return len(self._reader.scans(table)[0].level)
+        return survey_of(self._reader, [self._tables[walk] for walk in walks if walk not in self._refused], self._index)
 
 
 class _Source:
@@ -310,14 +297,14 @@ class _Source:
         tables: Mapping[str, WalkTable],
         refused: Mapping[str, str],
         specs: Mapping[str, SensorSpec],
-        survey: Sequence[WalkTable],
+        survey: Survey,
+        facts: Mapping[str, FileFacts],
         *,
         is_given: bool,
     ) -> None:
         self._reader, self._tables, self._refused, self._specs = reader, tables, refused, specs
-        self._survey, self._is_given = survey, is_given
+        self._survey, self._facts, self._is_given = survey, facts, is_given
         self._load = functools.lru_cache(maxsize=2)(self._load_once)  # one command looks at a walk several times
-        self._scans = functools.cache(self._scans_once)
 
     def load(self, walk: str) -> Recording:
         """A walk with the sensors that are offered."""
@@ -334,9 +321,9 @@ class _Source:
         return start
 
     def radio_map(self, recording: Recording) -> RadioMap | None:
-        """The scans of the survey, but for those of the recording itself."""
-        parts = [self._scans(number) for number, table in enumerate(self._survey) if table.id != recording.id]
-        return joined([scans for scans, _ in parts], surveyed=all(is_surveyed for _, is_surveyed in parts))
+        """The scans of the survey, but for those of the recording itself and of its outing."""
+        own = files.place_of(self._reader.path, self._tables[recording.id])
+        return self._survey.radio_map(own, self._facts[recording.id])
 
     def _load_once(self, walk: str, _stamped: files.Stamp) -> Recording:
         recording = self._reader.recording(self._tables[walk])
@@ -344,9 +331,6 @@ class _Source:
         streams = recording.streams
         offered = {name: SensorStream(self._specs[name], streams[name].rows) for name in streams if name in self._specs}
         return dataclasses.replace(recording, streams=offered)
-
-    def _scans_once(self, number: int) -> tuple[Scans, bool]:
-        return self._reader.scans(self._survey[number])
 
 
 def _joined(notes: Iterable[str]) -> str:

@@ -17,12 +17,13 @@ from pdrbench.datasets.catalogue import DataFile, Dataset, datasets, read_table
 from pdrbench.datasets.download import Fetched, Progress, fetch_bytes, fetch_into
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.datasets.integrity import sha256_of
-from pdrbench.errors import DatasetError
+from pdrbench.errors import DatasetError, RecordingError
 from pdrbench.files import is_safe_path, safe_name
 from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.maps import geojson
 from pdrbench_formats.recordings import native
+from pdrbench_formats.taskfile.files import place_of
 from pdrbench_formats.taskfile.load import Walks, walks_of_file
 from pdrbench_formats.taskfile.schema import (
     AlignTable,
@@ -169,7 +170,14 @@ def _packed(walks: Walks) -> TaskFile:
 def _packed_survey(walks: Walks, folder: Path) -> SurveyTable | None:
     """The survey of the packed folder, its files written there: tables in metres, recordings as walks are."""
     survey, names = walks.reader.content.survey, []
-    for number, table in enumerate(walks.survey):
+    own = {walk: place_of(walks.reader.path, table) for walk, table in walks.tables.items()}
+    if any(walks.survey.note(own[walk], facts) for walk, facts in walks.facts.items()):
+        raise RecordingError(
+            f"{walks.reader.path}: scans of the own outing are left out by the clock, which is not passed on; give the "
+            f"survey as tables, or of walks of other days"
+        )
+    tables = [one.table for one in walks.survey.files if one.file not in own.values()]
+    for number, table in enumerate(tables):
         scans, is_table = walks.reader.scans(table)
         names.append(f"{SURVEY}/{number}{'.csv' if is_table else ''}")
         place = folder / names[-1]
@@ -178,7 +186,8 @@ def _packed_survey(walks: Walks, folder: Path) -> SurveyTable | None:
             write_survey_table(scans, place)
         else:
             native.write(_recorded(walks.reader.recording(table)), place)
-    return None if survey is None else SurveyTable(walks=survey.walks, file=tuple(names))
+    ids = tuple(walk for walk, place in own.items() if place in {one.file for one in walks.survey.files})
+    return None if survey is None else SurveyTable(walks=ids, file=tuple(names))
 
 
 def _index(walks: Walks, card: CardTable, folder: Path) -> Dataset:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
@@ -55,6 +56,32 @@ class Scans:
     walk: IntArray
     count: IntArray
     readings: FloatArray
+
+
+class KeptScans(msgspec.Struct, frozen=True):
+    """`Scans` as an index keeps them, of hundreds of walks.
+
+    Attributes:
+        is_surveyed: Whether their places were surveyed.
+        places: (S, 5) float64: x, y, level, walk, number of readings.
+        readings: (R, 3) float64.
+    """
+
+    is_surveyed: bool
+    places: bytes
+    readings: bytes
+
+    @classmethod
+    def of(cls, scans: Scans, is_surveyed: bool) -> KeptScans:
+        """Of scans."""
+        places = np.column_stack([scans.xy_m, scans.level, scans.walk, scans.count]).astype(np.float64)
+        return cls(is_surveyed, places.tobytes(), np.ascontiguousarray(scans.readings, dtype=np.float64).tobytes())
+
+    def scans(self) -> Scans:
+        """What was kept."""
+        places = np.frombuffer(self.places).reshape(-1, 5)
+        level, walk, count = places[:, 2:].astype(np.int64).T
+        return Scans(places[:, :2], level, walk, count, np.frombuffer(self.readings).reshape(-1, 3))
 
 
 def begun_at(recording: Recording, begin_s: float) -> Recording:

@@ -10,7 +10,6 @@ import pytest
 
 from pdrbench.datasets import datasets
 from pdrbench_envs.malls.splits import (
-    GUARD_S,
     KNOWN,
     LATER,
     NUM_FOLDS,
@@ -29,6 +28,7 @@ from pdrbench_envs.malls.splits import (
     splits,
     walks,
 )
+from pdrbench_formats.outings import GUARD_S
 
 SURVEYED_AS = ("val", "test", *range(NUM_FOLDS))
 
