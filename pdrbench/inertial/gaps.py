@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.signal import correlate
 
 from pdrbench.geometry import BoolArray, FloatArray
 
@@ -76,7 +75,8 @@ class GapFiller:
         scaled = values / SCALE
         windows, wanted = scaled[: len(seen) - count - 1], scaled[-matched:]
         energy = np.concatenate([[0.0], np.cumsum(np.square(windows).sum(axis=1))])
-        off = energy[matched:] - energy[:-matched] - 2 * correlate(windows, wanted, mode="valid")[:, 0]
+        alike = sum(np.correlate(one, other, mode="valid") for one, other in zip(windows.T, wanted.T, strict=True))
+        off = energy[matched:] - energy[:-matched] - 2 * alike
         begins = matched + np.arange(len(off))  # of what would be carried on
         off += AFTER_WEIGHT * np.square(scaled[begins + count] - after / SCALE).sum(axis=1)
         begin = begins[off.argmin()]
