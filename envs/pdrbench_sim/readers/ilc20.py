@@ -8,8 +8,8 @@ One record a line, `unix_ms TYPE values...`, after a header of lines that begin 
   they are. A record that is more than a minute older than the one before it of its kind, or ten minutes without any
   record, is a clock that was set during the walk and refused.
 * A file whose times begin with 0 counts milliseconds of the walk. The last column of a beacon row is on the clock of
-  the phone: less the time of its row it is one constant of the file, which gives its start. Sightings of networks are
-  on either clock.
+  the phone: less the time of its row it is one constant of the file, which gives its start; without beacons the header
+  does. Sightings of networks are on either clock.
 * Time 0 is the first row of any stream or waypoint that is kept.
 * Two records glued together, where a line feed was lost, are split and counted.
 * Sensor rows end in an accuracy (0-3) which is not kept; older files lack it.
@@ -157,7 +157,10 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
         )
     _check_pauses(lines.path, streams)
     first_ms = min(rows[0, 0] for rows in streams.values())
-    begin_ms = _begin_ms(lines) if lines.counts_from_zero else 0.0
+    begin_ms = 0.0
+    if lines.counts_from_zero:
+        stated_ms = as_float(header.get("startTime", "").encode())
+        begin_ms = _begin_ms(lines) or (stated_ms if _MS[0] <= stated_ms <= _MS[1] else None)
     for rows in streams.values():
         rows[:, 0] = (rows[:, 0] - first_ms) / 1000
     _check_units(lines.path, streams)

@@ -138,8 +138,8 @@ class SurveyTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     Attributes:
         walks: Ids of walks of the task, whose scans count at their places.
-        file: Tables of readings at places, see `pdrbench_formats.taskfile.survey`, and recordings with places that are
-            no walks of the task.
+        file: Tables of readings at places, see `pdrbench_formats.taskfile.survey`, and recordings with places, or
+            folders of them. No walk is given scans of its own outing.
     """
 
     walks: tuple[_Name, ...] = ()

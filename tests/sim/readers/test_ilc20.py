@@ -378,7 +378,7 @@ def test_every_recorded_walk_reads_without_loss(data_root: Path) -> None:
 
 
 @pytest.mark.parametrize("digits", [13, 1])
-def test_times_from_zero_get_their_clock_from_beacons(tmp_path: Path, digits: int) -> None:
+def test_times_from_zero_get_their_clock_from_beacons_or_the_header(tmp_path: Path, digits: int) -> None:
     """As in files whose places are kept secret; last sightings on the clock of the phone, or on that of the file."""
     lines = [*sensors(), wifi(100), wifi(200, FAR), beacon(150)]
     usual = read(tmp_path, lines)
@@ -390,3 +390,5 @@ def test_times_from_zero_get_their_clock_from_beacons(tmp_path: Path, digits: in
         log = ilc20.read(path)
         assert log.start_unix_s == usual.start_unix_s and not len(log.reference)
         assert all((log.rows[name] == rows).all() for name, rows in usual.rows.items())
+    of_header = put(tmp_path, shifted[:-1], header=f"#\tstartTime:{T0}\n", name="without_beacons.txt")
+    assert ilc20.read(of_header).start_unix_s == usual.start_unix_s
