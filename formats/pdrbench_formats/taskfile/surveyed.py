@@ -150,10 +150,10 @@ def best_surveyed(
         raise RecordingError(f"{folder}: no walk with places; {'; '.join(problems) or 'name a recording'}")
     survey = Survey(tuple(found))
 
-    def num_on_level(one: SurveyFile) -> int:
+    def order(one: SurveyFile) -> tuple[int, int]:
         given = () if one.facts is None or one.file not in level else survey.given(one.file, one.facts)
-        return sum(level.get(other.file) == level[one.file] for other in given)
+        return sum(level.get(other.file) == level[one.file] for other in given), len(one.kept.readings)
 
-    best = max(found, key=num_on_level).file  # of equal ones the first
+    best = max(found, key=order).file  # of equal ones that with most readings
     said = f"played: {best.relative_to(folder.resolve())}, with most of the survey on its level"
     return [best], [f"{said}; for another walk: pdrbench try FILE --survey {folder}"]
