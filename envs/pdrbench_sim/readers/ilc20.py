@@ -157,7 +157,7 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
         )
     _check_pauses(lines.path, streams)
     first_ms = min(rows[0, 0] for rows in streams.values())
-    begin_ms = 0.0
+    begin_ms: float | None = 0.0
     if lines.counts_from_zero:
         stated_ms = as_float(header.get("startTime", "").encode())
         begin_ms = _begin_ms(lines) or (stated_ms if _MS[0] <= stated_ms <= _MS[1] else None)
