@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,11 @@ from pdrbench.io import READERS
 from pdrbench.io.log import Log
 from pdrbench_formats.detect import detect, read
 from pdrbench_formats.recordings import getsensordata
+from pdrbench_formats.recordings.getsensordata import _parse_wifi
 from pdrbench_formats.recordings.opaque import opaque_id
 
 Rows = dict[str, np.ndarray]
+ADDRESS = "02:00:00:00:00:0A"
 
 
 def needed(name: str) -> samples.Sample:
@@ -149,3 +152,18 @@ def test_real_files(data_root: Path, pattern: str, kind: str, sensors: str, code
     assert {finding.code for finding in log.findings} == codes
     force = np.linalg.norm(log.rows["accel"][:, 1:], axis=1)
     assert np.median(force) == pytest.approx(9.8, abs=0.9)
+
+
+@pytest.mark.parametrize("name", ["home", "a;b;c", "", "x;02:00:00:00:00:09;5", "02:00:00:00:00:09"])
+@pytest.mark.parametrize(("frequency", "mhz"), [("2412;", 2412.0), ("", 0.0)])
+@pytest.mark.parametrize(("seen", "seen_s"), [("12,5", 12.5), ("", math.nan)])
+def test_the_last_fields_count_from_the_right(name: str, frequency: str, mhz: float, seen: str, seen_s: float) -> None:
+    *numbers, address = _parse_wifi(f"WIFI;1.5;{seen};{name};{ADDRESS};{frequency}-60;".encode())
+    assert numbers == pytest.approx([1.5, seen_s, mhz, -60.0], nan_ok=True)
+    assert address == ADDRESS.encode()
+
+
+@pytest.mark.parametrize("rest", ["home;zz:00:00:00:00:01;-60", "home;02:00:00:00:00;-60", f"a;{ADDRESS};x", ""])
+def test_what_has_no_address_or_strength_is_refused(rest: str) -> None:
+    with pytest.raises(ValueError, match="no address"):
+        _parse_wifi(f"WIFI;1.5;1.2;{rest}".encode())
