@@ -17,7 +17,7 @@ import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.ranking import Ranking, Standing, rank
-from pdrbench.metrics.statistics import DRAWS
+from pdrbench.metrics.statistics import DRAWS, MIN_UNITS, unit_codes
 from pdrbench.registry import make_task
 from pdrbench.result import ONLINE
 from pdrbench_leaderboard.boards import PARTS, PRIVATE, Board, BoardEnvironment, Part
@@ -290,15 +290,15 @@ class Table:
 
     @functools.cached_property
     def _halves(self) -> list[dict[str, BoolArray]]:
-        """Random halves of the units of each environment: for every walk whether it is in the first."""
+        """Random halves of the units of each environment, as `rank` has them: whether a walk is in the first."""
         rng, found = np.random.default_rng(DRAW_SEED), []
         for _ in range(SPLITS):
             first = {}
             for listed in self.environments():
                 units = [walk.unit for walk in self.walks[listed.env, "held-out"].walks]
-                names = sorted(set(units))
-                chosen = set(rng.permutation(names)[: len(names) // 2].tolist())
-                first[listed.env] = np.array([unit in chosen for unit in units])
+                code = unit_codes(units, len(units)) if len(set(units)) >= MIN_UNITS else np.arange(len(units))
+                chosen = rng.permutation(np.unique(code))
+                first[listed.env] = np.isin(code, chosen[: len(chosen) // 2])
             found.append(first)
         return found
 

@@ -74,7 +74,8 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
     index = Index(path)
     if wishes.surveys:
         content = msgspec.structs.replace(content, survey=_survey(wishes))
-    walks, notes = [], []
+    walks = []
+    notes: list[str] = []
     if (
         len(files) == 1
         and len(found := walks_below(path, content, WalkTable(file=str(files[0].absolute())), index)) > 1
