@@ -51,7 +51,6 @@ LOCALIZERS = {
     "sklearn_knn": "pdrbench_lab.outsiders.sklearn_knn:SklearnKnn",
     "step_count": "pdrbench_lab.step_count:StepCount",
     "stonesoup_particles": "pdrbench_lab.outsiders.stonesoup_particles:StonesoupParticles",
-    "tlio": "pdrbench_lab.learned.odometry.localizer:Tlio",
     "vqf_steps": "pdrbench_lab.outsiders.vqf_steps:VqfSteps",
     "woodman2008_gpu": "pdrbench_lab.papers.woodman2008.gpu_localizer:Woodman2008Gpu",
     # ids of former versions

@@ -32,7 +32,7 @@ from pdrbench_lab.learned.odometry.cloning_filter import (  # noqa: E402
     rotation_matrix,
 )
 from pdrbench_lab.learned.odometry.inference import for_inference  # noqa: E402
-from pdrbench_lab.learned.odometry.localizer import Odometry, RoninParams  # noqa: E402
+from pdrbench_lab.learned.odometry.localizer import Odometry, RoninParams, TlioParams  # noqa: E402
 from pdrbench_lab.learned.odometry.resnet import PARAMETERS, RONIN, TLIO, Ronin, Tlio, num_parameters  # noqa: E402
 from pdrbench_lab.learned.odometry.stream import PhoneStream  # noqa: E402
 from pdrbench_lab.learned.odometry.train import Feed, OdometryTrainParams, _Run, left_out, loss_of  # noqa: E402
@@ -256,14 +256,14 @@ def test_velocities_add_up() -> None:
 
 
 def test_displacements_teach_the_filter_a_speed() -> None:
-    places_m = walked(odometry.Tlio(), still(8.0), TLIO)
+    places_m = walked(odometry.Tlio(TlioParams("none")), still(8.0), TLIO)
     assert np.diff(places_m[-10:], axis=0)[:, 0] / 0.2 == pytest.approx(np.full(9, 1.25), abs=0.05)
     assert np.abs(places_m[:, 1] - 4.0).max() < 0.05
 
 
 def test_a_gap_ends_the_window_and_goes_on_at_the_last_speed() -> None:
     rows = {name: one[(one[:, 0] < 4.0) | (one[:, 0] > 4.9)] for name, one in still(8.0).items()}
-    places_m = walked(odometry.Tlio(), rows, TLIO)
+    places_m = walked(odometry.Tlio(TlioParams("none")), rows, TLIO)
     assert np.isfinite(places_m).all()
     assert places_m[-1, 0] - places_m[0, 0] == pytest.approx(1.25 * 7.6, abs=1.5)
 

@@ -1,4 +1,4 @@
-"""`ronin` and `tlio`: dead reckoning by published networks, trained here."""
+"""RoNIN and TLIO: dead reckoning by published networks; weights of the first come with the laboratory."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ class RoninParams:
 
 @dataclass(frozen=True, slots=True)
 class TlioParams:
-    """Settings of `tlio`; ours unless a line says otherwise.
+    """Settings of `Tlio`; ours unless a line says otherwise.
 
     Attributes:
-        weights: Name of weights that come with the laboratory, or a file.
+        weights: File of weights, of one's own training or converted.
         every: Samples at 200 Hz between displacements; 10 in the paper, see `CloningParams.overlap`.
         scale_sigma, heading_sigma_rad: Of the whole way, beside the covariance of the filter, as `learned`.
         height_sigma_m: Added to that of the height of a displacement, which the network learned to be 0.
         filter: See `CloningParams`.
     """
 
-    weights: str = "tlio"
+    weights: str
     every: int = 40
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(14.0)
@@ -67,7 +67,6 @@ class TlioParams:
 
 
 RONIN: Final = RoninParams()
-TLIO: Final = TlioParams()
 
 
 class Tracker(Protocol):
@@ -153,7 +152,7 @@ class Tlio(Odometry):
         params: See `TlioParams`.
     """
 
-    def __init__(self, params: TlioParams = TLIO) -> None:
+    def __init__(self, params: TlioParams) -> None:
         super().__init__(params, lambda network, stream: TlioTracker(params, network, stream))
 
 

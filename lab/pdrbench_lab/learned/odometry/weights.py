@@ -18,10 +18,7 @@ from pdrbench_lab.learned.weights import read
 
 ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio}
 # sha256 of the weights that come with the laboratory, by name
-PACKAGED: Final[dict[str, str]] = {
-    TLIO: "e8fcaf29bdb881b976da0ec01a11cb0807ea205c24cfa007fa2d0c00de87478e",
-    RONIN: "0a52c50fef8aaaf88392ccbb9ae1ba6efcdf3cc58ebf6f4d16a585440a93fbc1",
-}
+PACKAGED: Final[dict[str, str]] = {RONIN: "0a52c50fef8aaaf88392ccbb9ae1ba6efcdf3cc58ebf6f4d16a585440a93fbc1"}
 TRAIN: Final = "python -m pdrbench_lab.learned odometry"
 _FORM: Final = {"window": LENGTH, "rate_hz": RATE_HZ}
 _SCALE: Final = "#scale"
