@@ -14,7 +14,6 @@ from pdrbench_leaderboard.boards import Board, find_round
 from pdrbench_leaderboard.standings import Row, Table
 
 FILE_NAME: Final = "README.md"
-MAX_RATIO: Final = 1.25  # between neighbours: above it, a board says that it is too coarse
 FOUND: Final = "found after, s"  # of boards on which no start is given
 PRIVATE_RATIO: Final = "private / public"  # of boards with private recordings
 HEAD: Final = (
@@ -154,8 +153,7 @@ def notes(table: Table) -> Iterator[str]:
         yield f"Not told apart: {tied}."
     smallest = ranking.smallest_ratio()
     if math.isfinite(smallest):
-        coarse = f", which is above {MAX_RATIO}: it is too coarse for neighbours" if smallest > MAX_RATIO else ""
-        yield f"The smallest ratio that the board can tell is {smallest:.2f}{coarse}."
+        yield f"The smallest ratio between neighbours that the board can tell is {smallest:.2f}."
     if table.private_ratios:
         yield (
             "Private / public: off by on recordings whose truth is with the host alone, over that on walks of the same "
