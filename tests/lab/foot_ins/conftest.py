@@ -1,4 +1,4 @@
-"""Fixtures of the tests of foot-mounted navigation: a unit with errors on a foot whose true motion is known."""
+"""The same unit, and a kernel that tells its arguments, which its twins take."""
 
 from __future__ import annotations
 
@@ -7,22 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from foot_fixtures import Measured
+from foot_fixtures import earth_field as earth_field
+from foot_fixtures import measure as measure
+from foot_fixtures import true_rest as true_rest
 
 from pdrbench.inertial import FootParams, Rest
 from pdrbench.inertial.foot_filter import FootStates, empty_record, empty_states, level, run
 from pdrbench.inertial.foot_kernels import Memory, Record
 from pdrbench.inertial.zero_velocity import detect
-from pdrbench_sim.foot.known_walk import FootMotion
-
-EARTH_UT = np.array([20.0, 0.0, -45.0])
-
-
-class Measured(NamedTuple):
-    """Arrays that `navigate` takes."""
-
-    t_s: np.ndarray
-    accel: np.ndarray
-    gyro: np.ndarray
 
 
 class Run(NamedTuple):
@@ -33,25 +26,6 @@ class Run(NamedTuple):
     record: Record
     arguments: tuple[Any, ...]
     memory: Memory
-
-
-def _measure(
-    motion: FootMotion,
-    rng: np.random.Generator | None = None,
-    *,
-    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Measured:
-    accel, gyro = motion.accel + np.array(accel_bias), motion.gyro + np.array(gyro_bias)
-    if rng is not None:  # what a unit for feet shows at rest
-        accel = accel + rng.normal(0, 0.03, accel.shape)
-        gyro = gyro + rng.normal(0, 0.003, gyro.shape)
-    return Measured(motion.t_s, accel, gyro)
-
-
-def _true_rest(motion: FootMotion, sigma_mps: float = 0.01) -> Rest:
-    moving = np.full(len(motion), np.inf)
-    return Rest(np.where(motion.is_rest, sigma_mps, np.inf), moving, np.zeros(len(motion)))
 
 
 def _run_kernel(
@@ -73,21 +47,5 @@ def _run_kernel(
 
 
 @pytest.fixture
-def measure() -> Callable[..., Measured]:
-    return _measure
-
-
-@pytest.fixture
-def true_rest() -> Callable[..., Rest]:
-    return _true_rest
-
-
-@pytest.fixture
 def run_kernel() -> Callable[..., Run]:
     return _run_kernel
-
-
-@pytest.fixture
-def earth_field() -> Callable[[FootMotion], np.ndarray]:
-    """The undisturbed magnetic field in the body frame, (n, 3) microtesla."""
-    return lambda motion: np.einsum("nji,j->ni", motion.attitude, EARTH_UT)
