@@ -66,13 +66,13 @@ class Fusion(NetworkLocalizer):
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         own, start = self._own, briefing.start
-        if start is None and briefing.radio_map is None:
+        self._radio = radio = self._fitted(briefing)
+        if start is None and radio is None:
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
         is_known_phone = start is not None and briefing.carrier == PHONE
         factor = own.interpolated_length_factor if is_known_phone and _is_interpolated(briefing.radio_map) else 1.0
         self._begin(briefing, factor, own.companions if is_known_phone else ())
         self._building, self._rng = briefing.building or open_space(briefing.radio_map, start), rng
-        self._radio = self._fitted(briefing)
         self._compass, self._map_params, self._free = None, own.map, None
         if self._reckoner.has_compass:
             compass = own.open_compass if briefing.building is None else own.compass
@@ -87,11 +87,9 @@ class Fusion(NetworkLocalizer):
             self._add(cloud, start.level, 0.0)
             self._free = self._new_free(start)
             self._focus()
-        elif self._radio is not None:
-            middle = middle_of_survey(self._radio.radio_map.xy_m, self._radio.radio_map.level)
+        elif radio is not None:
+            middle = middle_of_survey(radio.radio_map.xy_m, radio.radio_map.level)
             self._xy_m, self._level = middle.xy_m, middle.level
-        else:
-            raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
 
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
@@ -102,14 +100,14 @@ class Fusion(NetworkLocalizer):
         if self._has_level_changes and len(observation["level_change"]):
             self._change_levels(observation)
         estimate = self._estimate(observation.now_s)
-        return self._answers.answered(observation.now_s, estimate) if self._own.revises else estimate
+        return self._answers.answered(observation.now_s, estimate)
 
     def revise(self) -> FloatArray | None:
         """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept.
 
         Answers of before the first cloud are those of its time.
         """
-        if not self._own.revises or not self._hypotheses:
+        if not self._hypotheses:
             return None
         (rng,) = self._rng.spawn(1)
         _, factor = self._sigma_factors
@@ -223,8 +221,7 @@ class Fusion(NetworkLocalizer):
         if follows_levels:
             cloud.follow_levels(self._building, level)
         past = BackwardSampler(self._own.num_kept)
-        if self._own.revises:
-            past.follow(stored(cloud, now_s), now_s)
+        past.follow(stored(cloud, now_s), now_s)
         self._hypotheses.append(Hypothesis(cloud, past, follows_levels))
 
     def _walk(self, move: Move) -> None:
@@ -240,8 +237,7 @@ class Fusion(NetworkLocalizer):
                         self._free.turn(turn_rad, compass, gain)
                         self._free.move(move.move_m, move.covariance_m2)
                 each.cloud.move(move.move_m, move.covariance_m2)
-                if self._own.revises:
-                    each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)
+                each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)
         if self._hypotheses:
             cloud = self._best.cloud
             self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
@@ -262,8 +258,7 @@ class Fusion(NetworkLocalizer):
             if self._free is not None:
                 self._free.weigh_by(log_likelihood, each.cloud.level, gain)
                 self._find(each.cloud, self._free)
-            if self._own.revises:
-                each.past.amend(stored(each.cloud, now_s))
+            each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
         self._focus()
@@ -298,8 +293,7 @@ class Fusion(NetworkLocalizer):
         for each in filter(lambda one: one.follows_levels, self._hypotheses):
             for _, levels, _, way in observation["level_change"].tolist():
                 each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
-            if self._own.revises:
-                each.past.amend(stored(each.cloud, observation.now_s))
+            each.past.amend(stored(each.cloud, observation.now_s))
         self._focus()
 
 

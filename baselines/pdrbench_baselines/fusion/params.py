@@ -97,7 +97,6 @@ class FusionParams:
             walks are turned by 21 degrees (standard deviation), see the notebook on shopping centres.
         free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
             survey were interpolated.
-        revises: Whether clouds are kept, from which `revise` draws the past.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -117,7 +116,6 @@ class FusionParams:
     compass: CompassParams = field(default_factory=CompassParams)
     open_compass: CompassParams = field(default_factory=lambda: CompassParams(sigma_rad=math.radians(15.0)))
     free: FreeParams = field(default_factory=FreeParams)
-    revises: bool = True
 
 
 FUSION: Final = FusionParams()

@@ -28,13 +28,11 @@ from pdrbench.inertial import (
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply, twist_rad
 from pdrbench.localizer import Briefing
-from pdrbench.recording import Recording
 from pdrbench_baselines.learned.signals import MAX_GAP_S, MIN_RATE_HZ
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
 
 PHONE: Final = "phone"
 FOOT: Final = "foot"
-CARRIERS: Final = (PHONE, FOOT)
 FOOT_MIN_RATE_HZ: Final = 80.0  # ours: heel strikes ring at 40 Hz, and the filter was made for 100 Hz and more
 USUAL_FOOT_HZ: Final = 200.0  # as foot_ins, where the briefing gives none
 ALIGNED_AFTER_M: Final = 0.5  # likewise
@@ -253,17 +251,3 @@ def rows_of(briefing: Briefing, own_attitude: bool = False) -> PhoneSource | Own
     heading_rad = None if briefing.start is None else briefing.start.heading_rad
     accel = briefing.sensors.get("accel")
     return FootSource((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)
-
-
-def foot_rows(recording: Recording) -> tuple[FootStates, dict[str, FloatArray]]:
-    """States of the filter on a whole recording of a foot, and its rows with attitudes.
-
-    Raises:
-        RecordingError: As `FootSource`, or the foot never rests.
-    """
-    accel = recording.streams["accel"]
-    rows = FootSource(accel.spec.rate_hz or USUAL_FOOT_HZ)
-    states, out = rows.navigated({name: recording.streams[name].rows for name in FootSource.sensors})
-    if states is None or not len(out["rotation"]):
-        raise RecordingError(f"{recording.id}: the foot never rests; leave the recording out")
-    return states, out

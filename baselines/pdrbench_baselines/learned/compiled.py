@@ -45,7 +45,7 @@ from pdrbench_baselines.learned.constants import (
     USUAL_HEIGHT_M,
 )
 from pdrbench_baselines.learned.reckoning import WindowAnswer
-from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, SLOW_S, WINDOW
+from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, SLOW_S, WINDOW, grid_signals
 from pdrbench_baselines.learned.weight_files import PACKAGED, TRAIN, check_form, packaged_file, read_arrays
 
 _RESNET: Final = "resnet"
@@ -305,6 +305,7 @@ def compiled_network(weights: str) -> CompiledNetwork:
 def warm_up() -> None:
     """Compiles."""
     compiled_network("phone")  # asked once while it is made
+    grid_signals(np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 5)), 0.0, 0.0)
 
 
 def _taller_m(height_m: float) -> float:

@@ -77,7 +77,6 @@ class LearnedMapParams:
         revised_sigma_factor: On the spread of lines through the past; on 40 train walks 95 % discs hold 92 % with 1.7.
         phone: Particles for a phone.
         foot: Particles for a unit on a foot.
-        revises: Whether clouds are kept, from which `revise` draws the past.
     """
 
     weights: str | None = None
@@ -91,7 +90,6 @@ class LearnedMapParams:
             scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)
         )
     )
-    revises: bool = True
 
 
 LEARNED: Final = LearnedParams()
@@ -177,14 +175,14 @@ class LearnedMap(NetworkLocalizer):
         # a survey of interpolated places is off by more than a walk from a known start
         self._may_be_lost = start is None or is_surveyed
         self._filter: LearnedMapFilter | None = None
-        self._past = BackwardSampler() if self._params.revises else None
+        self._past = BackwardSampler()
         self._now_s = 0.0
         if start is not None:
             self._filter = self._new_filter(start.level)
             self._filter.begin_near(np.array(start.xy_m), start.radius_m)
             if self._has_level_changes:
                 self._filter.follow_levels(briefing.building, start.level)
-            self._store_first()
+            self._past.follow(stored(self._filter, 0.0), 0.0)
         elif survey is not None:
             middle = survey.middle()
             self._xy_m, self._level = middle.xy_m, middle.level
@@ -199,13 +197,10 @@ class LearnedMap(NetworkLocalizer):
                 self._receive(places)
         if self._has_level_changes and self._start_is_known and self._filter is not None:
             self._change_levels(self._filter, observation["level_change"])
-        estimate = self._estimate()
-        return estimate if self._past is None else self._past.answered(observation.now_s, estimate)
+        return self._past.answered(observation.now_s, self._estimate())
 
-    def revise(self) -> FloatArray | None:
-        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept."""
-        if self._past is None:
-            return None
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
         (rng,) = self._rng.spawn(1)
         return self._past.revised(rng, claim=self._params.revised_sigma_factor)
 
@@ -242,9 +237,8 @@ class LearnedMap(NetworkLocalizer):
     def _walk(self, cloud: LearnedMapFilter, move: Move) -> None:
         if not move.stands:
             cloud.move(move.move_m, move.covariance_m2)
-            if self._past is not None:
-                motion = motion_of(move, self._map_params)
-                self._past.follow(stored(cloud, move.end_s), move.end_s - EVERY_S, motion)
+            motion = motion_of(move, self._map_params)
+            self._past.follow(stored(cloud, move.end_s), move.end_s - EVERY_S, motion)
         self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
 
     def _receive(self, places: ScanPlaces) -> None:
@@ -252,25 +246,17 @@ class LearnedMap(NetworkLocalizer):
         if self._filter is None:
             self._filter = self._new_filter(places.likeliest_level)
             self._filter.begin_among(places)
-            self._store_first()
+            self._past.follow(stored(self._filter, self._now_s), self._now_s)
             return
         if self._survey is not None and self._filter.level in self._survey.levels:
             self._filter.weigh(places, trust=self._trust, may_be_lost=self._may_be_lost)
-        self._store_again()
+        self._past.amend(stored(self._filter, self._now_s))
 
     def _change_levels(self, cloud: LearnedMapFilter, changes: FloatArray) -> None:
         for _, levels, _, way in changes.tolist():
             cloud.change_level(int(levels), by_lift=way == BY_LIFT)
         if len(changes):
-            self._store_again()
-
-    def _store_first(self) -> None:
-        if self._past is not None and self._filter is not None:
-            self._past.follow(stored(self._filter, self._now_s), self._now_s)
-
-    def _store_again(self) -> None:
-        if self._past is not None and self._filter is not None:
-            self._past.amend(stored(self._filter, self._now_s))
+            self._past.amend(stored(cloud, self._now_s))
 
 
 def debug_of(cloud: LearnedMapFilter | None) -> dict[str, NDArray[Any]]:

@@ -139,7 +139,7 @@ class Reckoner:
     ) -> None:
         self._length_factor, self._missing_s = length_factor, 0.0
         self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
-        carrier = self._carrier = briefing.carrier
+        carrier = briefing.carrier
         if network.carried != carrier:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carrier}: leave them out")
         self._source = source = rows_of(briefing, network.own_attitude)
@@ -184,7 +184,7 @@ class Reckoner:
         """Those that are complete, in the frame of the rotation vector."""
         for name, waiting in self._waiting.items():
             waiting.append(rows[name][np.isfinite(rows[name]).all(axis=1)])
-        if self._carrier == PHONE and self._first_s is not None and not self._is_due:
+        if self._first_s is not None and self._source.turn_rad is not None and not self._is_due:
             return
         self._take()
         if any(len(one) < 2 for one in self._rows.values()):

@@ -12,7 +12,8 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.sensors.checks import Gate
 from pdrbench_baselines.learned.attitude_sources import PhoneSource
-from pdrbench_baselines.learned.signals import GRAVITY_MPS2, MAX_GAP_S, MIN_RATE_HZ, UNITS_MPS2, attitude_at
+from pdrbench_baselines.learned.kernels import attitudes_at
+from pdrbench_baselines.learned.signals import GRAVITY_MPS2, MAX_GAP_S, MIN_RATE_HZ, UNITS_MPS2
 
 SENSORS: Final = PhoneSource.sensors
 CHECK_EVERY_S: Final = 2.0
@@ -83,7 +84,7 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
             f"gyro: has turned by {own_rad:.3g}, the rotation vector by {vector_rad:.2g} rad; rad/s are expected: "
             "divide degrees/s by 57.3"
         )
-    vertical_mps2 = float(to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2])
+    vertical_mps2 = float(to_world(attitudes_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2])
     upright = vertical_mps2 / min(force_mps2, GRAVITY_MPS2)  # a swinging hand pulls outwards by some m/s2
     if upright < UPRIGHT:
         raise RecordingError(

@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.inertial import to_world
+from pdrbench_baselines.learned.kernels import attitudes_at, cell_means
 
 GRAVITY_MPS2: Final = 9.81
 RATE_HZ: Final = 50.0  # of the grid; gait has no information above some 20 Hz
@@ -75,48 +75,13 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
             )
     count = max(int(np.floor((till_s - from_s) * RATE_HZ + 1e-6)) + 1, 0)
     t_s = from_s + np.arange(count) / RATE_HZ
-    force = to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:])
-    force[:, 2] -= GRAVITY_MPS2
-    rate = to_world(attitude_at(rotation, gyro[:, 0]), gyro[:, 1:])
-    attitude = attitude_at(rotation, t_s)
+    attitude = attitudes_at(rotation, t_s)
     w, x, y, z = attitude.T
     up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
     is_whole = np.logical_and.reduce([has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
     twist = np.column_stack([w * w - z * z, 2 * w * z])  # the square of w + iz, which has no sign
-    return Signals(
-        from_s, _cell_means(accel[:, 0], force, t_s), _cell_means(gyro[:, 0], rate, t_s), up, twist, is_whole
-    )
-
-
-def attitude_at(rotation: FloatArray, t_s: FloatArray) -> FloatArray:
-    """(n, 4) attitudes between those recorded, linear and of length 1; the first and the last one outside."""
-    quaternion = rotation[:, 1:5].copy()
-    flips = np.cumsum(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0) % 2 == 1
-    quaternion[1:][flips] *= -1.0
-    between = _between(t_s, rotation[:, 0], quaternion)
-    unit: FloatArray = between / np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-9)
-    return unit
-
-
-def _cell_means(t_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
-    """(n, 3) means over cells of 1 / `RATE_HZ` around times of what lies linearly between samples (k, 3)."""
-    half_s = 0.5 / RATE_HZ
-    before_s, after_s = at_s - half_s, at_s + half_s
-    edges_s = np.sort(np.concatenate([t_s, before_s, after_s]))
-    line = _between(edges_s, t_s, values)
-    area = np.zeros(line.shape)
-    np.cumsum(np.diff(edges_s)[:, None] * (line[1:] + line[:-1]) / 2, axis=0, out=area[1:])
-    means: FloatArray = area[np.searchsorted(edges_s, after_s)] - area[np.searchsorted(edges_s, before_s)]
-    return means * RATE_HZ
-
-
-def _between(at_s: FloatArray, t_s: FloatArray, values: FloatArray) -> FloatArray:
-    """(n, C) values between samples (k, C), linear; the first and the last one outside. `np.interp` of many columns."""
-    after = np.searchsorted(t_s, at_s, side="right").clip(1, len(t_s) - 1)
-    step_s = t_s[after] - t_s[after - 1]
-    part = ((at_s - t_s[after - 1]) / np.where(step_s > 0, step_s, 1.0)).clip(0.0, 1.0)[:, None]
-    between: FloatArray = values[after - 1] * (1.0 - part) + values[after] * part
-    return between
+    force = cell_means(accel, rotation, t_s, RATE_HZ) - (0.0, 0.0, GRAVITY_MPS2)
+    return Signals(from_s, force, cell_means(gyro, rotation, t_s, RATE_HZ), up, twist, is_whole)
 
 
 def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:

@@ -85,11 +85,6 @@ class YawStabiliser:
         return means_rad, corrections_rad
 
 
-def stabilised(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
-    """(r, 5) rotation vectors of a whole walk with a steady yaw; see `YawStabiliser`."""
-    return YawStabiliser().update(rotation, gyro)
-
-
 def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> tuple[FloatArray, BoolArray]:
     """(r - 1,) turn of the reported yaw from one sample to the next, less that by the rates; 0 over gaps, and which."""
     t_s, quaternion = rotation[:, 0], rotation[:, 1:5]

@@ -18,7 +18,7 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.constants import GAIT
 from pdrbench_lab.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
 from pdrbench_lab.learned.odometry.commands import add_commands
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
     train.add_argument("--arch", choices=(GAIT, "resnet", "tcn"), help=f"{GAIT} by default, for a foot resnet")
     train.add_argument("--width", type=int, help="of the first stage, as of the packaged network by default")
-    train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
+    train.add_argument("--carried", choices=(PHONE, FOOT), default=PHONE, help="what carries the sensors")
     train.add_argument(
         "--data",
         help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full",
@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         help="name of packaged weights or model.safetensors of a run, by default the newest; give two to compare",
     )
-    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on CampusFoot-v1, nothing else")
+    measure.add_argument("--carried", choices=(PHONE, FOOT), default=PHONE, help="foot: on CampusFoot-v1, nothing else")
     measure.add_argument("--split", choices=("train", "val", "test"), default="val")
     measure.add_argument("--only", choices=tuple(MEASURED), help="one of the environments")
     measure.add_argument("--shaking", type=float, default=1.0, help="multiplied by so much, steps and way as they are")

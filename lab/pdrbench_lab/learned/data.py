@@ -25,10 +25,10 @@ from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.signals import HORIZON, MIN_RATE_HZ, RATE_HZ, Signals, grid_signals
-from pdrbench_baselines.learned.yaw_stabiliser import stabilised
 from pdrbench_lab.learned.feet import levelled, train_foot
 from pdrbench_lab.learned.kept_arrays import keep, kept
 from pdrbench_lab.learned.people import train_bearer, train_person
+from pdrbench_lab.learned.public_sets import stabilised
 from pdrbench_lab.learned.recordings import is_dense, own_recordings
 
 if TYPE_CHECKING:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.learned.attitude_sources import foot_rows
+from pdrbench_baselines.learned.attitude_sources import USUAL_FOOT_HZ, FootSource
 
 if TYPE_CHECKING:
     from pdrbench.inertial import FootStates
@@ -65,6 +66,20 @@ def _scene(group: str, number: int) -> BuildingScene:
 
     rng = np.random.default_rng([SEED, GROUPS[group], 1, number])
     return make_scene(rng, make_office(rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2))))
+
+
+def foot_rows(recording: Recording) -> tuple[FootStates, dict[str, FloatArray]]:
+    """States of the filter on a whole recording of a foot, and its rows with attitudes.
+
+    Raises:
+        RecordingError: As `FootSource`, or the foot never rests.
+    """
+    accel = recording.streams["accel"]
+    rows = FootSource(accel.spec.rate_hz or USUAL_FOOT_HZ)
+    states, out = rows.navigated({name: recording.streams[name].rows for name in FootSource.sensors})
+    if states is None or not len(out["rotation"]):
+        raise RecordingError(f"{recording.id}: the foot never rests; leave the recording out")
+    return states, out
 
 
 def levelled(recording: Recording) -> Recording:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from pdrbench.errors import unknown_name
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.constants import (
     CHANGE,
     DERIVED_SCALES,
@@ -117,8 +117,8 @@ class Network(nn.Module):
         super().__init__()
         if arch not in ARCHITECTURES:
             raise unknown_name("architecture", arch, ARCHITECTURES)
-        if carried not in CARRIERS:
-            raise unknown_name("way of carrying", carried, CARRIERS)
+        if carried not in (PHONE, FOOT):
+            raise unknown_name("way of carrying", carried, (PHONE, FOOT))
         self.arch, self.width, self.carried = arch, width, carried
         self.trunk = ARCHITECTURES[arch](width, self.inputs)
         with torch.no_grad():

@@ -24,12 +24,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from pdrbench.errors import DatasetError
+from pdrbench.geometry import FloatArray
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.learned.signals import RATE_HZ, grid_signals
-from pdrbench_baselines.learned.yaw_stabiliser import stabilised
+from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
 from pdrbench_formats.derive.attitude import attitude
 from pdrbench_formats.recordings import apps, ronin
 
@@ -75,6 +76,11 @@ class PublicWalk:
     person: str
     carried: str
     part: str
+
+
+def stabilised(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
+    """(r, 5) rotation vectors of a whole walk with a steady yaw; see `YawStabiliser`."""
+    return YawStabiliser().update(rotation, gyro)
 
 
 def public_walks(folder: Path) -> list[PublicWalk]:

@@ -15,10 +15,10 @@ from pdrbench_sim.foot.known_walk import walk
 
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 
-from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, foot_rows  # noqa: E402
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE  # noqa: E402
 from pdrbench_baselines.learned.localizer import Learned  # noqa: E402
 from pdrbench_lab.learned.data import gather, windows_of_sources  # noqa: E402
-from pdrbench_lab.learned.feet import levelled, train_foot  # noqa: E402
+from pdrbench_lab.learned.feet import foot_rows, levelled, train_foot  # noqa: E402
 from pdrbench_lab.learned.model import Network  # noqa: E402
 from pdrbench_lab.learned.rest_velocity import RestVelocity  # noqa: E402
 from pdrbench_lab.learned.train import TrainParams, train  # noqa: E402

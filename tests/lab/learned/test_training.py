@@ -22,11 +22,12 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
-from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser, stabilised  # noqa: E402
+from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser  # noqa: E402
 from pdrbench_lab.learned.batches import UNCHANGED, Feed  # noqa: E402
 from pdrbench_lab.learned.data import Way, bent_way, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
 from pdrbench_lab.learned.model import ARCHITECTURES, Network, NetworkOutput, surprise  # noqa: E402
 from pdrbench_lab.learned.people import train_person  # noqa: E402
+from pdrbench_lab.learned.public_sets import stabilised  # noqa: E402
 
 FIGURE_M = 0.576  # error in a second of 8 people after 3 + 2 epochs of 40 others; walkers move by 1 m
 SENSORS = ("accel", "gyro", "rotation")

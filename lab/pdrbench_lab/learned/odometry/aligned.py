@@ -14,7 +14,8 @@ import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import to_world
-from pdrbench_baselines.learned.signals import attitude_at, has_samples
+from pdrbench_baselines.learned.kernels import attitudes_at
+from pdrbench_baselines.learned.signals import has_samples
 
 RATE_HZ: Final = 200.0  # of both papers
 LENGTH: Final = 200  # samples of a window
@@ -56,7 +57,7 @@ def aligned(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from_s: f
     t_s = from_s + np.arange(count) / RATE_HZ
     columns = []
     for rows in (gyro, accel):
-        world = to_world(attitude_at(rotation, rows[:, 0]), rows[:, 1:4])
+        world = to_world(attitudes_at(rotation, rows[:, 0]), rows[:, 1:4])
         columns += [np.interp(t_s, rows[:, 0], one) for one in world.T]
     is_whole = np.logical_and.reduce([has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
     return Aligned(from_s, np.column_stack(columns), is_whole)

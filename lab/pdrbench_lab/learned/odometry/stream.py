@@ -11,8 +11,8 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.learned.attitude_sources import rows_of
+from pdrbench_baselines.learned.kernels import attitudes_at
 from pdrbench_baselines.learned.row_checks import SENSORS, RowChecks
-from pdrbench_baselines.learned.signals import attitude_at
 from pdrbench_lab.learned.odometry.aligned import RATE_HZ, Aligned, aligned
 
 KEPT_S: Final = 2.5  # longer than a window, and than a sensor may lag
@@ -90,7 +90,7 @@ class PhoneStream:
 
     def attitude(self, t_s: float) -> FloatArray:
         """(4,) that the phone reports, its yaw made steady."""
-        quaternion: FloatArray = attitude_at(self.rows["rotation"], np.array([t_s]))[0]
+        quaternion: FloatArray = attitudes_at(self.rows["rotation"], np.array([t_s]))[0]
         return quaternion
 
     def _forget(self) -> None:

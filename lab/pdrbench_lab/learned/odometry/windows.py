@@ -18,11 +18,11 @@ from joblib import Parallel, delayed
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import Recording
-from pdrbench_baselines.learned.yaw_stabiliser import stabilised
 from pdrbench_lab.learned.data import Way, simulated_way, way_of
 from pdrbench_lab.learned.kept_arrays import keep, kept
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ, aligned
 from pdrbench_lab.learned.people import train_bearer
+from pdrbench_lab.learned.public_sets import stabilised
 from pdrbench_lab.learned.recordings import own_recordings
 
 PEOPLE: Final = "people"
