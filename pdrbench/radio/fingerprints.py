@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import RadioMap
 
 UNHEARD_DBM = -100.0  # below what a phone reports; Frank et al. 2009 as claim F4 reads it
@@ -59,14 +59,6 @@ class FingerprintTable:
         rssi_dbm = np.full((len(self.level), len(self.access_point)), UNHEARD_DBM)
         rssi_dbm[self.fingerprint, self.column] = self.reading_dbm
         return rssi_dbm
-
-    def columns(self, access_point: FloatArray) -> tuple[IntArray, BoolArray]:
-        """Column of each access point (n,), and whether the table knows it; the column means nothing where not."""
-        heard, wanted = self.access_point, access_point.astype(np.int64)
-        if not len(heard):
-            return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=np.bool_)
-        column = np.minimum(np.searchsorted(heard, wanted), len(heard) - 1)
-        return column, heard[column] == wanted
 
 
 def strength(rssi_dbm: FloatArray, power: float) -> FloatArray:

@@ -64,9 +64,10 @@ def inverse_roots(norm2: Any) -> Any:
 
 
 @compiled
-def cosine_distances(lists: Any, access_point: Any, strength: Any, weight: Any) -> Any:
-    """(S,) one minus the weighted cosine between a scan and each fingerprint; (0,) where no access point is known.
+def distances(lists: Any, access_point: Any, strength: Any, weight: Any, is_ochiai: bool) -> Any:
+    """(S,) distance of a scan from each fingerprint; (0,) where no access point is known.
 
+    One minus the sum of w s f over root(sum of w s^2) root(sum of w f^2), the cosine; of w min(s, f)^2 for Ochiai's.
     Sums go from access point to access point. Where no reading is too light, only the lists of the scan are read.
 
     Args:
@@ -74,6 +75,7 @@ def cosine_distances(lists: Any, access_point: Any, strength: Any, weight: Any) 
         access_point: (n,) of each reading of the scan; of one that stands twice the strongest reading counts.
         strength: (n,) of each reading.
         weight: (n,) of each reading; an access point without a reading counts 1.
+        is_ochiai: Whether what both received counts by the weaker of the two.
     """
     reading = strongest_readings(lists.access_point, access_point, strength)
     product, num_heard, scan_norm2, lightest, is_weighted = np.zeros(len(lists.norm2)), 0, 0.0, 1.0, False
@@ -83,7 +85,8 @@ def cosine_distances(lists: Any, access_point: Any, strength: Any, weight: Any) 
             num_heard, scan_norm2 = num_heard + 1, scan_norm2 + w * s * s
             lightest, is_weighted = min(lightest, w), is_weighted or w != 1.0
             for k in range(np.uint64(lists.first[a]), np.uint64(lists.first[a + 1])):  # unsigned: none is from the end
-                product[lists.fingerprint[k]] += w * s * lists.strength[k]
+                own = lists.strength[k]
+                product[lists.fingerprint[k]] += w * (min(s, own) ** 2 if is_ochiai else s * own)
     if num_heard == 0:
         return product[:0]
     scale = _weighted_scale(lists, reading, weight, lightest < MIN_WEIGHT) if is_weighted else lists.scale
@@ -111,4 +114,4 @@ def warm_up() -> None:
     """Compares a scan with a survey of one fingerprint."""
     one, strength = np.zeros(1, dtype=np.int64), np.ones(1)
     lists = InvertedLists(one, np.array([0, 1]), one.astype(np.uint32), strength, strength, inverse_roots(strength))
-    cosine_distances(lists, strength, strength, strength)
+    distances(lists, strength, strength, strength, False)

@@ -1,4 +1,4 @@
-"""How far WLAN scans are from the fingerprints of a survey, by the weighted cosine of their strengths."""
+"""How far WLAN scans are from the fingerprints of a survey, by the weighted strengths that both have."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ class ScanMatcher:
         power: Of the strength, see `strength`.
         survey_age_s: Older readings of the survey are left out.
         freshness_per_s: A reading of a scan counts for this to the power of its age in seconds.
+        is_ochiai: Whether by Ochiai's distance 1 - sum min(s, f) / sqrt(sum s * sum f), which is Sorensen's with the
+            geometric mean of the sums of a scan and a fingerprint, instead of the cosine distance.
 
     Attributes:
         table: The survey of S scans.
@@ -37,16 +39,18 @@ class ScanMatcher:
         power: float = POWER,
         survey_age_s: float = SURVEY_AGE_S,
         freshness_per_s: float = FRESHNESS_PER_S,
+        is_ochiai: bool = False,
     ) -> None:
-        from pdrbench.radio.kernels import InvertedLists, cosine_distances, inverse_roots
+        from pdrbench.radio.kernels import InvertedLists, distances, inverse_roots
 
-        self._power, self._freshness_per_s = power, freshness_per_s
+        power = power / 2 if is_ochiai else power  # lists hold roots of strengths, whose squares are summed
+        self._is_ochiai, self._power, self._freshness_per_s = is_ochiai, power, freshness_per_s
         self._columns = [wifi.index(name) for name in ("access_point", "rssi_dbm", "age_s")]
         self._rows: FloatArray = np.zeros((0, len(wifi.columns)))
         self.table = FingerprintTable.from_radio_map(radio_map, max_age_s=survey_age_s)
         strengths = strength(self.table.reading_dbm, power)
         norm2: FloatArray = np.bincount(self.table.fingerprint, strengths**2, len(self.table.level)).astype(np.float64)
-        self._cosine_distances = cosine_distances
+        self._distances = distances
         self._lists = InvertedLists(
             self.table.access_point, self.table.first, self.table.fingerprint, strengths, norm2, inverse_roots(norm2)
         )
@@ -81,11 +85,11 @@ class ScanMatcher:
         """(S,) of a scan (n, 3) of access point, RSSI, age; None where the survey knows none of its access points."""
         scan = np.array(readings.T, order="C")
         strengths, weight = strength(scan[1], self._power), self._freshness_per_s ** scan[2]
-        distance: FloatArray = self._cosine_distances(self._lists, scan[0], strengths, weight)
+        distance: FloatArray = self._distances(self._lists, scan[0], strengths, weight, self._is_ochiai)
         return distance if len(distance) else None
 
     def between(self, scans: IntArray) -> FloatArray:
-        """(Q, S) cosine distance of some scans of the survey from all of them, whatever the age of a reading."""
+        """(Q, S) distance of some scans of the survey from all of them, whatever the age of a reading."""
         table, distance = self.table, np.ones((len(scans), len(self.table.level)))
         order = np.argsort(table.fingerprint, kind="stable")
         first = np.searchsorted(table.fingerprint[order], np.arange(len(table.level) + 1))
@@ -93,5 +97,6 @@ class ScanMatcher:
         for q, scan in enumerate(scans.tolist()):
             if len(own := order[first[scan] : first[scan + 1]]):
                 strengths = self._lists.strength[own]
-                distance[q] = self._cosine_distances(self._lists, access_point[own], strengths, np.ones(len(own)))
+                weight = np.ones(len(own))
+                distance[q] = self._distances(self._lists, access_point[own], strengths, weight, self._is_ochiai)
         return distance

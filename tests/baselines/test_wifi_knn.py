@@ -74,15 +74,6 @@ def test_a_scan_in_two_parts_is_one_scan(rng: np.random.Generator) -> None:
     assert observe(parts, rows[1:]) == observe(whole, rows)
 
 
-def test_an_access_point_received_twice_counts_once_at_its_strongest(rng: np.random.Generator) -> None:
-    once, twice = WifiKnn(), WifiKnn()
-    for localizer in (once, twice):
-        localizer.reset(brief(), rng)
-    rows = scan(1.0, ap1=-40, ap2=-80)
-    doubled = np.concatenate([rows, scan(1.0, ap1=-95)])
-    assert observe(twice, doubled) == observe(once, rows)
-
-
 def test_before_the_first_scan_it_answers_the_start_or_the_middle_of_the_survey(rng: np.random.Generator) -> None:
     localizer = WifiKnn()
     localizer.reset(brief(), rng)

@@ -36,15 +36,17 @@ def scan_of(rng: np.random.Generator, ages_s: FloatArray) -> FloatArray:
     return np.column_stack([access_point, rng.uniform(-99.0, -30.0, len(ages_s)), ages_s])
 
 
-def dense_distance(dense: FloatArray, scan: FloatArray) -> FloatArray:
+def dense_distance(dense: FloatArray, scan: FloatArray, is_ochiai: bool) -> FloatArray:
     """The readable twin: every fingerprint and every access point."""
     scan = scan[scan[:, 0] < NUM_ACCESS_POINTS]
     strengths, weight = np.zeros(NUM_ACCESS_POINTS), np.ones(NUM_ACCESS_POINTS)
     strengths[scan[:, 0].astype(int)] = strength(scan[:, 1], POWER)
     weight[scan[:, 0].astype(int)] = FRESHNESS_PER_S ** scan[:, 2]
     fingerprints = strength(dense, POWER)
-    norms = np.sqrt(fingerprints**2 @ weight * (weight @ strengths**2))
-    return 1.0 - np.divide(fingerprints @ (weight * strengths), norms, out=np.zeros(len(norms)), where=norms > 0)
+    power = 1 if is_ochiai else 2
+    norms = np.sqrt(fingerprints**power @ weight * (weight @ strengths**power))
+    both = np.minimum(fingerprints, strengths) if is_ochiai else fingerprints * strengths
+    return 1.0 - np.divide(both @ weight, norms, out=np.zeros(len(norms)), where=norms > 0)
 
 
 def test_two_access_points_in_closed_form() -> None:
@@ -57,14 +59,15 @@ def test_two_access_points_in_closed_form() -> None:
     np.testing.assert_allclose(matcher.between(np.array([0, 2, 3])), [[0, 0, 1, 1], [1, 1, 0, 1], [1] * 4], atol=1e-15)
 
 
+@pytest.mark.parametrize("is_ochiai", [False, True])
 @pytest.mark.parametrize("oldest_s", [0.0, 10.0, 300.0])
-def test_lists_give_what_the_dense_table_gives(rng: np.random.Generator, oldest_s: float) -> None:
+def test_lists_give_what_the_dense_table_gives(rng: np.random.Generator, oldest_s: float, is_ochiai: bool) -> None:
     survey, dense = draw(rng, 60, 9)
-    matcher = matcher_of(survey)
+    matcher = ScanMatcher(survey, sensor_spec("wifi"), is_ochiai=is_ochiai)
     assert (FRESHNESS_PER_S**300.0 < MIN_WEIGHT) and (FRESHNESS_PER_S**10.0 > MIN_WEIGHT)
     for _ in range(20):
         scan = scan_of(rng, rng.uniform(0.0, oldest_s, 12))
-        np.testing.assert_allclose(matcher.distance(scan), dense_distance(dense, scan), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(matcher.distance(scan), dense_distance(dense, scan, is_ochiai), rtol=0, atol=1e-12)
 
 
 def test_a_scan_of_old_readings_alone_is_compared_exactly(rng: np.random.Generator) -> None:

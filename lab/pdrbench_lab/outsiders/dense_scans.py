@@ -37,10 +37,11 @@ class DenseScans:
         rows = np.concatenate([self._rows, rows])
         self._rows = rows = rows[rows[:, 0] == rows[-1, 0]]
         access_point, rssi_dbm, age_s = rows[:, self._columns].T
-        column, is_known = self._table.columns(access_point)
-        is_known &= age_s <= MAX_AGE_S
+        heard = self._table.access_point
+        is_known = np.isin(access_point, heard) & (age_s <= MAX_AGE_S)
         if not is_known.any():
             return None
+        column = np.searchsorted(heard, access_point)
         scan_dbm = np.full(self.rssi_dbm.shape[1], UNHEARD_DBM)
         np.maximum.at(scan_dbm, column[is_known], rssi_dbm[is_known])
         return scan_dbm

@@ -9,7 +9,7 @@ from pdrbench.radio import middle_of_survey
 from pdrbench_lab.outsiders.dense_scans import DenseScans
 from pdrbench_lab.outsiders.packages import outside
 
-NEIGHBOURS = 3  # as wifi_knn
+NEIGHBOURS = 3  # as RADAR
 
 
 class SklearnKnn:

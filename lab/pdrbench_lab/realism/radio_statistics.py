@@ -22,7 +22,7 @@ DISTANCES_M: Final = ((0.0, 1.0), (4.0, 6.0), (11.0, 13.0), (20.0, 24.0))  # of 
 AGAIN_DBM: Final = (-60.0, -75.0, -85.0)  # strengths, +- 2.5 dB, of which the next sweep is asked
 AGAIN_S: Final = 2.6  # a later scan is not the next one
 SUBSETS: Final = 24  # of the walks, for each fraction of them
-NEIGHBOURS: Final = 3  # as the registered `wifi_knn`
+NEIGHBOURS: Final = 3  # by cosine, as the statistics of real surveys were taken
 _GRID_M: Final = 4.0  # between the places that are tried for a sender
 _MAX_PAIRS: Final = 4000
 
@@ -180,7 +180,7 @@ def survey_of(walks: Sequence[SurveyWalk]) -> RadioMap:
 
 
 def _fingerprint_distances(survey: RadioMap, scans: Sequence[FloatArray]) -> FloatArray:
-    """(S, S) from each scan to each fingerprint, as `wifi_knn` measures it."""
+    """(S, S) from each scan to each fingerprint, by the cosine."""
     matcher = ScanMatcher(survey, sensor_spec("wifi"))
     found = [matcher.distance(rows[:, [1, 2, 4]]) for rows in scans]
     return np.stack([np.ones(len(survey)) if distance is None else distance for distance in found])

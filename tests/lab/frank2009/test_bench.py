@@ -12,7 +12,7 @@ from pdrbench_baselines.frank2009.kernels import add_received
 from pdrbench_baselines.frank2009.warm import warm_up
 from pdrbench_lab.papers.frank2009 import bench as radio
 
-KERNELS = (add_received, radio_kernels.cosine_distances, radio_kernels.strongest_readings)
+KERNELS = (add_received, radio_kernels.distances, radio_kernels.strongest_readings)
 
 
 @pytest.mark.parametrize("num_received", [40, 500])

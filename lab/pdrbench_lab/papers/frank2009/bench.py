@@ -118,7 +118,7 @@ def directions(rows: FloatArray) -> FloatArray:
 
 
 def _fingerprint_rows(case: Case, rounds: int) -> list[Timing]:
-    """One query against each fingerprint by `wifi_knn`'s distance and by that of histograms, one thread each."""
+    """One query against each fingerprint by the cosine and by histograms, one thread each."""
     from sklearn.neighbors import NearestNeighbors
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 

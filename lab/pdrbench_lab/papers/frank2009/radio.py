@@ -15,8 +15,8 @@ import numpy as np
 from pdrbench.datasets import find
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.radio import UNHEARD_DBM, strength
+from pdrbench.radio.matching import POWER
 from pdrbench_baselines.frank2009.histograms import UNKNOWN, HistogramTable, Unknown
-from pdrbench_baselines.wifi_knn import WifiKnnParams
 from pdrbench_lab.reproduce.number_text import SHARE
 from pdrbench_lab.reproduce.reproduction import Claim, Experiment, Gate, median_over_seeds
 from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, read
@@ -31,7 +31,7 @@ def uji(seed: int) -> dict[str, Any]:
     * `nearest`: one neighbour, Euclidean over all access points, one that was not heard is as weak as the weakest
       reading of the training rows (-104 dBm). The authors' "positive values", RSSI less this minimum and 0 where not
       heard, have the same distances.
-    * `knn`: `wifi_knn`'s three neighbours by cosine, mean place of those on the level that weighs most.
+    * `knn`: three neighbours by cosine of powed strengths, mean place of those on the level that weighs most.
     * `scan_ignore`, `scan_penalise`: eq. (1), every training row a fingerprint of its own. What the scan heard and the
       fingerprint did not is ignored as the paper writes it, or penalised.
     * `place_ignore`, `place_penalise`: the rows at one place make a histogram, as in the paper.
@@ -81,15 +81,14 @@ def nearest(fingerprints: FingerprintSet) -> IntArray:
 
 
 def three_nearest(fingerprints: FingerprintSet) -> tuple[IntArray, FloatArray]:
-    """A training row (Q,) on the level and the place (Q, 2), as `WifiKnn` answers where no reading has an age."""
+    """A training row (Q,) on the level and the place (Q, 2), by the cosine of powed strengths."""
     from sklearn.neighbors import NearestNeighbors
 
-    params = WifiKnnParams()
     train, test = (
-        strength(np.nan_to_num(part.rssi_dbm, nan=UNHEARD_DBM), params.power)
+        strength(np.nan_to_num(part.rssi_dbm, nan=UNHEARD_DBM), POWER)
         for part in (fingerprints.train, fingerprints.test)
     )
-    search = NearestNeighbors(n_neighbors=params.neighbours, algorithm="brute", metric="cosine").fit(train)
+    search = NearestNeighbors(n_neighbors=3, algorithm="brute", metric="cosine").fit(train)
     distance, rows = search.kneighbors(test)
     weight = 1.0 / np.maximum(distance, 1e-9) ** 2
     floor = np.stack([fingerprints.train.building, fingerprints.train.level], axis=-1)[rows]
@@ -154,7 +153,7 @@ UJI_CLAIMS: Final = (
             ("place_ignore", "eq. (1), a histogram a place"),
             ("place_penalise", "a histogram a place, unknown access points penalised"),
             ("counted_penalise", "the same, and scans that missed one counted"),
-            ("knn", "three neighbours of wifi_knn"),
+            ("knn", "three nearest by cosine"),
         )
         for key, what, unit in _SCORES
     ),
