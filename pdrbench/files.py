@@ -125,9 +125,7 @@ def bytes_sha256(places: Iterable[Path], root: Path | None = None) -> str:
     lines = []
     for place in places:
         for path in [place] if place.is_file() else sorted(_files_below(place)):
-            found = path.stat()
-            digest = _file_sha256(path, found.st_size, found.st_mtime_ns)
-            lines.append(f"{path.relative_to(root or place.parent).as_posix()} {digest}")
+            lines.append(f"{path.relative_to(root or place.parent).as_posix()} {known_sha256(path)}")
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
@@ -142,7 +140,18 @@ def _files_below(folder: Path) -> Iterator[Path]:
                 yield Path(entry.path)
 
 
+def known_sha256(path: Path) -> str:
+    """As `sha256_of`; read again only where size or time of change is another."""
+    found = path.stat()
+    return _file_sha256(path, found.st_size, found.st_mtime_ns)
+
+
 @functools.lru_cache(maxsize=10_000)
 def _file_sha256(path: Path, size: int, mtime_ns: int) -> str:
+    return sha256_of(path)
+
+
+def sha256_of(path: Path) -> str:
+    """Hex sha256 of the bytes of a file; raises `OSError`."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -30,7 +30,7 @@ from typing import Annotated, Any, Final
 import msgspec
 
 from pdrbench.errors import PluginError
-from pdrbench.files import MAX_DEPTH, SAFE_PATH
+from pdrbench.files import MAX_DEPTH, SAFE_PATH, sha256_of
 
 SETTINGS_FILE, PROJECT_FILE = "localizer.toml", "pyproject.toml"
 PACKAGES_MARK: Final = "@"  # between a folder and that with the packages it imports, in the name of a localizer
@@ -277,21 +277,15 @@ def installed_sha256(packages: Path) -> str:
     """Digest of what was installed into a folder: of the records that wheels leave there."""
     digest = hashlib.sha256()
     for record in sorted(packages.glob("*.dist-info/RECORD")):
-        digest.update(f"{record.parent.name} {file_sha256(record)}\n".encode())
+        digest.update(f"{record.parent.name} {sha256_of(record)}\n".encode())
     return digest.hexdigest()
-
-
-def file_sha256(path: Path) -> str:
-    """Of the bytes of a file; raises `OSError`."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _check_weights(folder: Path, name: str, declared: Weights) -> None:
     path = folder / name
     try:
         size = path.stat().st_size
-        same = size == declared.bytes and file_sha256(path) == declared.sha256
+        same = size == declared.bytes and sha256_of(path) == declared.sha256
     except OSError as error:
         raise PluginError(f"{folder}: its weights {name} are missing: {error.strerror}") from error
     if not same:
@@ -304,7 +298,7 @@ def _check_weights(folder: Path, name: str, declared: Weights) -> None:
 def weights_toml(folder: Path, name: str) -> str:
     """The lines that declare a file as weights."""
     path = folder / name
-    return f'[weights."{name}"]\nbytes = {path.stat().st_size}\nsha256 = "{file_sha256(path)}"'
+    return f'[weights."{name}"]\nbytes = {path.stat().st_size}\nsha256 = "{sha256_of(path)}"'
 
 
 def neighbour_of(file: Path, module: str | None) -> bool:

@@ -17,13 +17,14 @@ from typing import Final
 import numpy as np
 
 from pdrbench.datasets import dataset, find, is_available
+from pdrbench.files import known_sha256
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, path_heading_rad
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_envs.recorded import checked_file, file_sha256, opaque_id
+from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
@@ -190,7 +191,7 @@ def found_walks(kind: FootSet) -> Mapping[tuple[str, str], str]:
         for path in folder.rglob("*"):
             if path.match(kind.pattern) and path.is_file():
                 name = of, path.relative_to(folder).as_posix()
-                found[name] = registered.get(name) or file_sha256(path)
+                found[name] = registered.get(name) or known_sha256(path)
     return found or registered
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 from pathlib import Path
 
-from pdrbench.datasets.integrity import sha256_of, sha256_of_content
+from pdrbench.datasets.integrity import sha256_of_content
 from pdrbench.errors import DatasetError
+from pdrbench.files import known_sha256
 
 
 def checked_file(place: Path, sha256: str, dataset: str, remedy: str, content_sha256: str = "") -> Path:
@@ -24,7 +24,7 @@ def checked_file(place: Path, sha256: str, dataset: str, remedy: str, content_sh
         DatasetError: The file cannot be read, or has other content.
     """
     try:
-        found = file_sha256(place)
+        found = known_sha256(place)
     except OSError as error:
         raise DatasetError(
             f"{place}: cannot be read: {error.strerror}; run `pdrbench data verify {dataset}` and replace what it names"
@@ -35,17 +35,6 @@ def checked_file(place: Path, sha256: str, dataset: str, remedy: str, content_sh
             f"back, or {remedy}"
         )
     return place
-
-
-def file_sha256(place: Path) -> str:
-    """sha256 of a file, hexadecimal; computed again only where its size or its time of change is another."""
-    status = place.stat()
-    return _sha256(place, status.st_size, status.st_mtime_ns)
-
-
-@functools.lru_cache(maxsize=2048)
-def _sha256(place: Path, _size: int, _changed_ns: int) -> str:
-    return sha256_of(place)
 
 
 def opaque_id(path: str, key: bytes) -> str:

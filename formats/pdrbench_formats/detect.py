@@ -87,7 +87,7 @@ def unpacked(path: Path) -> Iterator[Path]:
         return
     (name,) = container.sizes
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / PurePosixPath(name).name
+        place = Path(folder) / PurePosixPath(name.replace(":", "-")).name  # Windows has drives and streams there
         place.write_bytes(container.read(name))
         try:
             yield place

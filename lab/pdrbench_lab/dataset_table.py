@@ -16,7 +16,8 @@ import msgspec
 
 import pdrbench.datasets
 from pdrbench.datasets.catalogue import LICENCE, NOTE, DataFile, Dataset, read_table
-from pdrbench.datasets.integrity import files_in, sha256_of, sha256_of_content
+from pdrbench.datasets.integrity import files_in, sha256_of_content
+from pdrbench.files import sha256_of
 
 TABLES: Final = Path(pdrbench.datasets.__file__).parent / "tables"
 MANIFEST: Final = "manifest.json"

@@ -19,7 +19,7 @@ import msgspec
 from pdrbench.errors import BundleError
 from pdrbench.files import SAFE_PATH
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
-from pdrbench_leaderboard.schema import Line, Name, Record, Sha256, read_json, write_json
+from pdrbench_leaderboard.schema import UNREADABLE, Line, Name, Record, Sha256, read_json, write_json
 
 SCHEMA: Final = 4
 SUFFIX: Final = ".pdrz"
@@ -121,19 +121,7 @@ def read_members(content: bytes, names: re.Pattern[str] = MEMBER) -> dict[str, b
             infos = archive.infolist()
             _check_infos(infos, len(content), names)
             return {info.filename: archive.read(info) for info in infos}
-    except BundleError:
-        raise
-    except (
-        zipfile.BadZipFile,
-        NotImplementedError,  # a version or flag that zipfile does not know
-        RuntimeError,  # encrypted
-        ValueError,  # Unicode, negative offsets
-        EOFError,
-        OSError,  # seeks beyond the file
-        OverflowError,
-        LookupError,
-        ArithmeticError,
-    ) as error:
+    except (zipfile.BadZipFile, *UNREADABLE) as error:
         raise BundleError(f"this is no bundle: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from None
 
 

@@ -181,13 +181,18 @@ def _difference(whole: Result, played: Result) -> str:
 
 
 def _moved(whole: Result, played: Result, since_s: float) -> tuple[float, float]:
-    """How far answers moved after a walk went on as another, and how far those to the walk itself went; medians, m."""
-    num = min(len(whole.estimates), len(played.estimates))
-    t_s = whole.estimates.t_s[:num]
-    xy_m, other_xy_m = whole.estimates.xy_m[:num], played.estimates.xy_m[:num]
+    """How far answers moved after a walk went on as another, and how far those to the walk itself went; medians, m.
+
+    Where a localizer fails then, nothing moves: who knows the walk would escape by that.
+    """
+    common, failed = min(len(whole.estimates), len(played.estimates)), played.status != COMPLETE
+    num = len(whole.estimates) if failed else common
+    t_s, xy_m = whole.estimates.t_s[:num], whole.estimates.xy_m[:num]
+    other_xy_m = np.full((num, 2), np.nan)
+    other_xy_m[:common] = played.estimates.xy_m[:common]
     before = np.flatnonzero((t_s <= since_s) & np.isfinite(xy_m[:, 0]))
-    after = (t_s > since_s) & np.isfinite(xy_m[:, 0]) & np.isfinite(other_xy_m[:, 0])
+    after = (t_s > since_s) & np.isfinite(xy_m[:, 0]) & (failed | np.isfinite(other_xy_m[:, 0]))
     if not len(before) or not after.any():
         return 0.0, 0.0
     path_m = np.hypot(*(xy_m[after] - xy_m[before[-1]]).T)
-    return float(np.median(np.hypot(*(other_xy_m - xy_m)[after].T))), float(np.median(path_m))
+    return float(np.median(np.nan_to_num(np.hypot(*(other_xy_m - xy_m)[after].T)))), float(np.median(path_m))

@@ -16,7 +16,7 @@ from pdrbench.errors import BundleError
 from pdrbench.localizer_folder import PACKAGES_MARK
 from pdrbench.registry import CARDS_FILE, localizers
 from pdrbench.settings import join_name, split_name
-from pdrbench_leaderboard.schema import EntryName, Line, Passage, Remark, read_toml
+from pdrbench_leaderboard.schema import EntryName, Line, Name, Passage, Remark, read_toml
 
 CARD_FILE: Final = "card.toml"
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
@@ -44,7 +44,7 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     name: EntryName
     authors: Annotated[tuple[Line, ...], msgspec.Meta(min_length=1, max_length=50)]
     licence: Line
-    sensors_used: Annotated[tuple[Line, ...], msgspec.Meta(max_length=50)]
+    sensors_used: Annotated[tuple[Name, ...], msgspec.Meta(max_length=50)]
     map_used: bool
     survey_used: bool
     training_data: Annotated[Passage, msgspec.Meta(min_length=1)]

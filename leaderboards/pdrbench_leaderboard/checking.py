@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -29,7 +29,7 @@ from pdrbench_leaderboard.record import (
 )
 from pdrbench_leaderboard.schema import Finding
 from pdrbench_leaderboard.score import METRICS, walk_values
-from pdrbench_leaderboard.standings import RANKING, Entry, Table, read_tables
+from pdrbench_leaderboard.standings import DIVISIONS, RANKING, Entry, Table, read_tables
 
 SAMPLED: Final = 2  # walks of each part whose scores are computed again
 SAME: Final = 0.01  # difference of a score that two machines may have
@@ -72,11 +72,12 @@ def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Fi
             if not is_verified(folder, entry.record):
                 why = held(entry.record) or "no maintainer has played it"
                 yield Finding(f"{board.name}/{folder.name}", True, f"listed, not ranked: {why}")
+            for of, division in itertools.product(walks.values(), DIVISIONS):
+                entry.division(of, division)
             entries.append(entry)
+            yield Finding(f"{board.name}/{entry.name}", True)
         except PdrbenchError as error:
             yield Finding(f"{board.name}/{folder.name}", False, str(error))
-    for entry in entries:
-        yield _whole(board, entry, walks.values())
     for of in walks.values():
         yield from _scores(board, entries, of, sampled)
     yield _table(root, board)
@@ -102,15 +103,17 @@ def compare_entries(one: Path, other: Path) -> list[Finding]:
             continue
         for first, second in itertools.product(mine.divisions, theirs.divisions):
             if first.division == second.division:
-                why = _disagree(*(np.maximum(numbers(of.values[RANKING]), MIN_SCORE_M) for of in (first, second)))
+                why = disagree(*(np.maximum(numbers(of.values[RANKING]), MIN_SCORE_M) for of in (first, second)))
                 found.append(Finding(f"{mine.env}, {mine.part}, {first.division}", not why, why))
     if not found:
         raise BundleError(f"{one} and {other} have not played the same walks: draw both from the same round and secret")
     return found
 
 
-def _disagree(mine_m: FloatArray, theirs_m: FloatArray) -> str:
+def disagree(mine_m: FloatArray, theirs_m: FloatArray) -> str:
     """Why (W,) scores of walks of two runs do not agree; empty where they do."""
+    if mine_m.shape != theirs_m.shape:
+        return f"{len(mine_m)} and {len(theirs_m)} walks"
     alike = np.isclose(mine_m, theirs_m, rtol=SAME, atol=0.0, equal_nan=True)
     logs, others = (np.log(of[np.isfinite(mine_m) & np.isfinite(theirs_m)]) for of in (mine_m, theirs_m))
     width = 1.96 * others.std(ddof=1) / np.sqrt(len(others)) if len(others) > 1 else 0.0
@@ -120,16 +123,6 @@ def _disagree(mine_m: FloatArray, theirs_m: FloatArray) -> str:
     return (
         f"{alike.sum()} of {len(alike)} walks agree; the mean is {np.exp((logs - others).mean()):.3f} times the other"
     )
-
-
-def _whole(board: Board, entry: Entry, walks: Collection[PartWalks]) -> Finding:
-    name = f"{board.name}/{entry.name}"
-    for of in walks:
-        for division in ("online", "offline"):
-            found = entry.division(of, division)
-            if found is not None and len(found.statuses) != len(of.walks):
-                return Finding(name, False, f"{of.env}, {of.part}: {len(found.statuses)} of {len(of.walks)} walks")
-    return Finding(name, True)
 
 
 def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: int) -> Iterator[Finding]:

@@ -25,6 +25,7 @@ from pdrbench.evaluation.origin import environment_version, package_sha256, vers
 from pdrbench.evaluation.progress import reporting
 from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.evaluation.store import make_folder, write_whole
+from pdrbench.files import sha256_of
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench.process.serialise import decoder, encoder
@@ -186,7 +187,7 @@ def draw(
     walks = dict(zip(names, digests, strict=True))
     canaries = _draw_canaries(task, part, secret, drawn, list(names)) if part == HELD_OUT_PART else {}
     write_whole(drawn.truth / CANARIES_FILE, _packed(canaries))
-    walks |= {name: _sha256(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
+    walks |= {name: sha256_of(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
     index = Index(
         env=listed.env,
         nonce=secret_nonce(secret),
@@ -227,10 +228,6 @@ def _draw_canaries(task: Task, part: Part, secret: str, drawn: DrawnPart, names:
 def _drawn_walk(drawn: DrawnPart, name: str) -> DrawnWalk:
     found: DrawnWalk = _unpacked(drawn.observations / f"{name}{SUFFIX}", DrawnWalk)
     return found
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str, str]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.errors import BundleError, PluginError
+from pdrbench.files import sha256_of
 from pdrbench.localizer_folder import (
     MAX_FILES,
     MAX_SOURCE_BYTES,
@@ -21,7 +22,6 @@ from pdrbench.localizer_folder import (
     PROJECT_FILE,
     SETTINGS_FILE,
     Settings,
-    file_sha256,
     list_files,
     parse_settings,
     read_settings,
@@ -160,7 +160,7 @@ def _find_weights(settings: Settings, path: str, places: Path | None) -> Path:
     declared = settings.weights[path]
     for candidate in sorted(places.iterdir()) if places is not None else ():
         is_same_size = candidate.is_file() and candidate.stat().st_size == declared.bytes
-        if is_same_size and file_sha256(candidate) == declared.sha256:
+        if is_same_size and sha256_of(candidate) == declared.sha256:
             return candidate.resolve()
     raise BundleError(
         f"the folder's weights {path} did not travel with it: put the file of {declared.bytes} bytes with the sha256 "

@@ -12,7 +12,7 @@ import typer
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import BundleError, ResultError
 from pdrbench_leaderboard import rounds_command
-from pdrbench_leaderboard.steps_command import ROOT, Root, add_step_commands
+from pdrbench_leaderboard.steps_command import ROOT, KeptWork, Root, add_step_commands
 from pdrbench_leaderboard.submit_command import tell_findings
 
 if TYPE_CHECKING:
@@ -106,13 +106,21 @@ def compare(
 def release(
     entry: Annotated[Path, typer.Argument(metavar="DIR", file_okay=False, help="<root>/<board>/<entry>.")],
     key: Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs it.")],
+    work: KeptWork = None,
 ) -> None:
     """Sign an entry that was held, once a person has read its source: it ranks from then on."""
+    from pdrbench_leaderboard.boards import find_round
     from pdrbench_leaderboard.record import held, read_entry, sign_entry
+    from pdrbench_leaderboard.run import Settings, is_ours
     from pdrbench_leaderboard.signing import check_listed
 
     record, _ = read_entry(entry)
-    check_listed(key, entry.absolute().parents[1])
+    root, of_round = entry.absolute().parents[1], find_round(max((of.round for of in record.parts), default=0))
+    check_listed(key, root)
+    if not is_ours(entry.absolute(), Settings(root, work or Settings.work_of(of_round.number), of_round, key=key)):
+        raise BundleError(
+            f"{entry} was written, but not by this host: play it, or name the folder of its run with --work"
+        )
     sign_entry(entry, key)
     say(f"{record.name} on {record.board} is verified{f'; it was held: {why}' if (why := held(record)) else ''}")
 

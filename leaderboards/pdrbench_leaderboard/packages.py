@@ -26,7 +26,7 @@ from packaging.version import InvalidVersion, Version
 
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.errors import BundleError
-from pdrbench.localizer_folder import file_sha256
+from pdrbench.files import sha256_of
 from pdrbench_leaderboard.confine.shared_modules import shared_distributions
 
 MAX_LOCK_BYTES: Final = 2_000_000
@@ -109,7 +109,7 @@ def lock_of(wheels: Path) -> tuple[Locked, ...]:
         one = found.setdefault(name, Locked(name, str(version), frozenset()))
         if one.version != str(version):
             raise BundleError(f"{wheels} has {name} in two versions, {one.version} and {version}; keep one")
-        found[name] = Locked(name, one.version, one.sha256 | {file_sha256(file)})
+        found[name] = Locked(name, one.version, one.sha256 | {sha256_of(file)})
     if not found:
         raise BundleError(f"no wheels in {wheels} but of what pdrbench brings; {HOW_TO_LOCK}")
     return tuple(found[name] for name in sorted(found))

@@ -17,14 +17,10 @@ from pdrbench.evaluation import evaluate, store
 from pdrbench.process.launch import Isolation
 from pdrbench.result import ONLINE, UNSUITABLE, Result, by_division
 from pdrbench_leaderboard.draw import INDEX_FILE, TASK_FILE, Index, read_index
-from pdrbench_leaderboard.schema import Name, Remark, read_limited
+from pdrbench_leaderboard.schema import UNREADABLE, Name, Remark, read_limited
 
 TRIED: Final = 5  # walks: who declines one in ten by chance declines so many in one of 100 000 cases
 MAX_RESULT_BYTES: Final = 64_000_000
-# What a file that no run has written may cause
-UNREADABLE: Final = (
-    *(ResultError, ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError, MemoryError),
-)
 CLOCK_S: Final = 1e-6  # difference of a time that went through a file
 
 
@@ -94,7 +90,7 @@ def read_played(folder: Path, observations: Path) -> tuple[Result, ...]:
         observations: Folder of the walks.
 
     Raises:
-        BundleError: A file is no answer to one of these walks, or there are two to one.
+        BundleError: A file is no answer to one of these walks, or there are two to one, or none.
     """
     index, found = read_index(observations), dict[tuple[str, str], Result]()
     for path in sorted(folder.glob(f"*{store.SUFFIX}")):
@@ -102,11 +98,15 @@ def read_played(folder: Path, observations: Path) -> tuple[Result, ...]:
         try:
             result = store.decode(content, path.name)
             _check(result, index)
-        except UNREADABLE as error:
+        except (ResultError, *UNREADABLE) as error:
             why = plain_line(f"{type(error).__name__}: {error}")[:300]
             raise BundleError(f"{path} holds no answers to these walks: {why}") from None
         if found.setdefault((result.localizer, result.walk), result) is not result:
             raise BundleError(f"{path} answers the walk {result.walk} a second time")
+    for name in {name for name, _ in found}:
+        of = [result for (one, _), result in found.items() if one == name]
+        if len(of) < len(index.walks) and any(result.status != UNSUITABLE for result in of):
+            raise BundleError(f"{folder} answers {len(of)} of {len(index.walks)} walks: play it to its end")
     return tuple(by_division(list(found.values())))
 
 
@@ -117,6 +117,9 @@ def _check(result: Result, index: Index) -> None:
     observed_s = np.arange(len(result.estimates)) * index.period_s
     if not np.allclose(result.estimates.t_s, observed_s, rtol=0.0, atol=CLOCK_S):
         raise ResultError("answers are not at the times of observations")
+    child = dict(result.provenance.get("child") or {})  # type: ignore[call-overload]
+    facts = (result.localizer, result.failure, result.reset_s, child.get("cpu_s"))
+    msgspec.convert(facts, tuple[str, str, float, float | None])
     for name in ("versions", "machine"):
         msgspec.convert(result.provenance[name], dict[Name, Remark | int])
     msgspec.convert(result.provenance["isolation"], dict[str, str | list[str] | dict[str, str]])

@@ -18,6 +18,7 @@ import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import make_folder, write_whole
+from pdrbench.files import sha256_of
 from pdrbench.geometry import FloatArray
 from pdrbench.registry import localizers
 from pdrbench.settings import split_name
@@ -36,7 +37,7 @@ from pdrbench_leaderboard.schema import (
     read_json,
     read_limited,
 )
-from pdrbench_leaderboard.score import DIGITS, ScoredPart
+from pdrbench_leaderboard.score import DIGITS, QUANTILES, VALUES, ScoredPart
 from pdrbench_leaderboard.signing import KEYS_FILE, read_keys, sign, signed_text
 
 ENTRY_FILE, ANSWERS_FILE, WALKS_FILE, SIGNATURE_FILE = "entry.json", "answers.bin", "walks.json", "signed.json"
@@ -231,6 +232,10 @@ def read_entry(folder: Path) -> tuple[EntryRecord, Card]:
     content = read_answers(folder)
     if hashlib.sha256(content).hexdigest() != record.answers_sha256:
         raise BundleError(f"{folder / ANSWERS_FILE} is not the one that {ENTRY_FILE} was written with")
+    for of in (of for part in record.parts for of in part.divisions):
+        is_whole = of.values.keys() == {*VALUES} and len(of.quantiles_m) in (0, len(QUANTILES))
+        if not is_whole or {*map(len, of.values.values())} != {len(of.statuses)}:
+            raise BundleError(f"{path} has not one value of each metric for each walk")
     if (record.board, folder_name(record.name)) != (folder.parent.name, folder.name) or card.name != record.name:
         raise BundleError(f"{folder} holds {record.name} of the board {record.board}: it lies in <board>/<entry>/")
     return record, card
@@ -291,22 +296,23 @@ def folder_name(entry: str) -> str:
 
 
 class Verification(Record, frozen=True, kw_only=True):
-    """What a maintainer signs: that this entry is what came of a run by a maintainer."""
+    """What a maintainer signs: that this entry is what came of a run by a maintainer, and its card the one sent."""
 
     board: Name
     name: EntryName
     entry_sha256: Sha256  # of `entry.json`, which holds the digest of the answers
+    card_sha256: Sha256  # of `card.toml`
     date: datetime.date
 
 
 def sign_entry(folder: Path, key: Path) -> None:
     """Signs an entry; raises `BundleError`."""
-    content = read_limited(folder / ENTRY_FILE, MAX_FILE_BYTES)
-    record = read_json(content, EntryRecord, str(folder))
+    record, _ = read_entry(folder)
     found = Verification(
         board=record.board,
         name=record.name,
-        entry_sha256=hashlib.sha256(content).hexdigest(),
+        entry_sha256=sha256_of(folder / ENTRY_FILE),
+        card_sha256=sha256_of(folder / CARD_FILE),
         date=datetime.datetime.now(datetime.UTC).date(),
     )
     write_whole(folder / SIGNATURE_FILE, sign(found, key))
@@ -322,13 +328,14 @@ def is_verified(folder: Path, record: EntryRecord) -> bool:
     """
     path = folder / SIGNATURE_FILE
     if not path.is_file():
-        is_free = split_name(record.spec)[0] in localizers() or not (folder.parents[1] / KEYS_FILE).is_file()
+        is_registered = split_name(record.spec)[0] in localizers() and record.spec == record.name
+        is_free = is_registered or not (folder.parents[1] / KEYS_FILE).is_file()
         return is_free and not held(record) and all(find_round(part.round).secret for part in record.parts)
     keys = read_keys(folder.parents[1])
     body, key = signed_text(read_limited(path, MAX_FILE_BYTES), keys, str(path))
     found = read_json(body.encode(), Verification, str(path))
-    digest = hashlib.sha256(read_limited(folder / ENTRY_FILE, MAX_FILE_BYTES)).hexdigest()
-    if (found.board, found.name, found.entry_sha256) != (record.board, record.name, digest):
+    signed = (found.board, found.name, found.entry_sha256, found.card_sha256)
+    if signed != (record.board, record.name, sha256_of(folder / ENTRY_FILE), sha256_of(folder / CARD_FILE)):
         raise BundleError(f"{path} is of another entry, or of this one before it was changed")
     if found.date < key.since:
         raise BundleError(f"{path} is of {found.date}, its key is valid from {key.since}")

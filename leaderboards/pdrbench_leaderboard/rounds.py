@@ -53,26 +53,19 @@ def begin_round(path: Path, numbers: Sequence[int], master: str) -> tuple[int, s
     commitment(master)
     number = max(numbers, default=-1) + 1
     digest = commitment(round_secret(master, number))
-    _write(path, f'{_read(path).rstrip()}\n\n[[rounds]]\nnumber = {number}\ncommitment = "{digest}"\n')
+    begun = f'\n\n[[rounds]]\nnumber = {number}\ncommitment = "{digest}"\n'
+    write_whole(path, read_limited(path, MAX_FILE_BYTES).rstrip() + begun.encode())
     return number, digest
 
 
 def end_round(path: Path, number: int, master: str) -> str:
     """Publishes the secret of a round in the place of its commitment, and returns it; raises `BundleError`."""
     secret = round_secret(master, number)
-    text, line = _read(path), f'commitment = "{commitment(secret)}"'
+    text, line = read_limited(path, MAX_FILE_BYTES).decode(), f'commitment = "{commitment(secret)}"'
     if text.count(line) != 1:
         raise BundleError(f"{path} has no open round {number} of this master secret")
-    _write(path, text.replace(line, f'secret = "{secret}"'))
+    write_whole(path, text.replace(line, f'secret = "{secret}"').encode())
     return secret
-
-
-def _read(path: Path) -> str:
-    return read_limited(path, MAX_FILE_BYTES).decode()
-
-
-def _write(path: Path, text: str) -> None:
-    write_whole(path, text.encode())
 
 
 def author_of(card: Card) -> str:

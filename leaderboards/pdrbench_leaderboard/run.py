@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,10 +10,12 @@ from typing import Final
 
 import msgspec
 
+from pdrbench.datasets import cache_folder
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.cluster import on_cluster
 from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
 from pdrbench.evaluation.store import make_folder, write_whole
+from pdrbench.files import sha256_of
 from pdrbench.process.launch import CONFINED, Isolation, find_launcher
 from pdrbench.registry import localizers
 from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
@@ -46,7 +47,7 @@ from pdrbench_leaderboard.record import (
     write_entry,
     write_walks,
 )
-from pdrbench_leaderboard.rounds import MAX_SUBMISSIONS, has_to_wait
+from pdrbench_leaderboard.rounds import MAX_SUBMISSIONS, author_of, has_to_wait
 from pdrbench_leaderboard.score import score_part
 from pdrbench_leaderboard.signing import check_listed
 from pdrbench_leaderboard.submission import find_card, unpack_bundle
@@ -77,7 +78,7 @@ class Entrant:
         """Digest of its code: of a file whatever it is called, else as results have it."""
         place = Path(self.spec.partition(":")[0])
         if place.suffix == ".py" and not self.is_registered:
-            return hashlib.sha256(place.read_bytes()).hexdigest()
+            return sha256_of(place)
         return target_sha256(localizer_target(self.spec))
 
     @property
@@ -147,6 +148,11 @@ class Settings:
                 raise BundleError(f"{entrant.card.name} is not registered here: it is played confined beside a secret")
             find_launcher(CONFINED).check(entrant.spec, localizer_target(entrant.spec))
 
+    @staticmethod
+    def work_of(number: int) -> Path:
+        """Where drawn walks and answers of a round are kept, where nothing else is said."""
+        return cache_folder() / "boards" / f"round-{number}"
+
     def why_later(self, entrant: Entrant) -> str:
         """Why an entry is not played in this round, which is noted else; empty where it is."""
         is_free = entrant.is_registered or bool(self.round.secret)
@@ -180,7 +186,7 @@ def entrants(board: str, root: Path, named: Sequence[str] = (), card: Path | Non
         card: Of the one that is named, where it brings none.
 
     Raises:
-        BundleError: One has no card.
+        BundleError: One has no card, or that of another name.
     """
     if named:
         return [Entrant(absolute(spec), find_card(spec, card)) for spec in named]
@@ -190,6 +196,8 @@ def entrants(board: str, root: Path, named: Sequence[str] = (), card: Path | Non
         spec = _spec_of(path.parent)
         if spec not in ours:
             found.append(Entrant(spec, find_card(spec, path)))
+            if folder_name(found[-1].card.name) != path.parent.name:
+                raise BundleError(f"{path.parent} holds an entry that calls itself {found[-1].card.name}")
     return found
 
 
@@ -224,8 +232,8 @@ def run(
         card: Of the localizer, where one is named that brings none.
 
     Raises:
-        BundleError: A bundle breaks a rule, a card is missing, or code that is not registered would run unconfined
-            beside a secret.
+        BundleError: A bundle breaks a rule, a card is missing, a name is another's, or code that is not registered
+            would run unconfined beside a secret.
     """
     sent = [unpacked(spec, settings) for spec in named if spec.endswith(SUFFIX)]
     others = [spec for spec in named if not spec.endswith(SUFFIX)]
@@ -234,8 +242,7 @@ def run(
         for board in boards
     }
     settings.check([one for wanted in wanted_on.values() for one in wanted])
-    if settings.key is not None:
-        check_listed(settings.key, settings.root)
+    _check_names(wanted_on, settings)
     secret = settings.secret_text
     for board in boards:
         wanted = []
@@ -249,6 +256,20 @@ def run(
             for part in listed.parts:
                 if part in settings.parts:
                     yield _run_part(board, listed, part, wanted, settings, secret)
+
+
+def _check_names(wanted_on: Mapping[str, Sequence[Entrant]], settings: Settings) -> None:
+    """Raises `BundleError` where an entry would take the place of another, or its signature would count nothing."""
+    if settings.key is not None:
+        check_listed(settings.key, settings.root)
+    for board, one in ((board, one) for board, wanted in wanted_on.items() for one in wanted):
+        name, path = one.card.name, settings.root / board / folder_name(one.card.name) / CARD_FILE
+        if [of.card.name for of in wanted_on[board]].count(name) > 1:
+            raise BundleError(f"two entries of {board} are called {name}")
+        if not one.is_registered and split_name(name)[0] in localizers():
+            raise BundleError(f"{name} is registered: {one.spec} needs another name")
+        if path.is_file() and author_of(find_card(one.spec, path)) != author_of(one.card):
+            raise BundleError(f"{name} is an entry of other authors: {one.spec} needs another name")
 
 
 def draw_all(boards: Sequence[Board], settings: Settings) -> Iterator[DrawnPart]:
@@ -265,7 +286,7 @@ def unpacked(spec: str, settings: Settings, card: Path | None = None) -> Entrant
     """A localizer or a bundle, and its card; raises `BundleError`."""
     if not spec.endswith(SUFFIX):
         return Entrant(absolute(spec), find_card(spec, card))
-    place = settings.work / SENT / hashlib.sha256(Path(spec).read_bytes()).hexdigest()[:NAME_DIGITS]
+    place = settings.work / SENT / sha256_of(Path(spec))[:NAME_DIGITS]
     return Entrant(*unpack_bundle(Path(spec), place, settings.supplies))
 
 
@@ -282,8 +303,7 @@ def score_all(boards: Sequence[Board], entrant: Entrant, answers: Path, settings
         BundleError: The answers are no answers to these walks, nobody knows whose they are, or their authors have
             submitted too often.
     """
-    if settings.key is not None:
-        check_listed(settings.key, settings.root)
+    _check_names({board.name: [entrant] for board in boards}, settings)
     if why := settings.why_later(entrant):
         raise BundleError(why)
     for board in boards:
@@ -397,38 +417,36 @@ def _enter(entrant: Entrant, board: str, settings: Settings, part: tuple[PartRec
     """Adds a part to an entry, in place of what it had there, and signs it."""
     folder = settings.root / board / folder_name(entrant.card.name)
     parts = [part]
-    if (folder / ENTRY_FILE).is_file() and _is_ours(folder, settings):
+    if (folder / ENTRY_FILE).is_file() and is_ours(folder, settings):
         record, _ = read_entry(folder)
         content = read_answers(folder)
         ranking = {of.sha256 for drawn in all_walks(folder.parent).values() for of in drawn} - {part[0].walks_sha256}
         kept = [of for of in record.parts if of.place != part[0].place or of.walks_sha256 in ranking]
+        if not entrant.is_registered:  # what other code has played is no part of this entry
+            kept = [of for of in kept if of.localizer_sha256 == entrant.sha256]
         parts += [(of, answers_of(record, content, of)) for of in kept]
     spec, source = entrant.source
     write_entry(settings.root, board, spec, entrant.card, sorted(parts, key=lambda pair: pair[0].place))
     if source is not None:
         write_whole(folder / SOURCE_FILE, source)
-    write_whole(_written(folder, settings), _sha256(folder).encode())
+    write_whole(_written(folder, settings), sha256_of(folder / ENTRY_FILE).encode())
     if settings.key is not None and not held(read_entry(folder)[0]):
         sign_entry(folder, settings.key)
 
 
-def _is_ours(folder: Path, settings: Settings) -> bool:
+def is_ours(folder: Path, settings: Settings) -> bool:
     """Whether an entry is signed, or was written here: a key never signs a part that a stranger's record holds."""
     if settings.key is None:
         return True
     if (folder / SIGNATURE_FILE).is_file():
         return is_verified(folder, read_entry(folder)[0])
     path = _written(folder, settings)
-    return path.is_file() and path.read_text(encoding="ascii") == _sha256(folder)
+    return path.is_file() and path.read_text(encoding="ascii") == sha256_of(folder / ENTRY_FILE)
 
 
 def _written(folder: Path, settings: Settings) -> Path:
     """Where the digest of an entry is kept that was written here."""
-    return make_folder(settings.work / WRITTEN) / f"{folder.parent.name}-{folder.name}"
-
-
-def _sha256(folder: Path) -> str:
-    return hashlib.sha256((folder / ENTRY_FILE).read_bytes()).hexdigest()
+    return make_folder(settings.work / WRITTEN / folder.parent.name) / folder.name
 
 
 def newest(folder: Path, place: tuple[str, Part]) -> PartWalks | None:
@@ -444,7 +462,7 @@ def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, settings: 
         return False
     if known.declined.get(entrant.card.name) == entrant.sha256:
         return True
-    if not (place / ENTRY_FILE).is_file() or not _is_ours(place, settings):
+    if not (place / ENTRY_FILE).is_file() or not is_ours(place, settings):
         return False
     record, _ = read_entry(place)
     mine = [of for of in record.parts if (of.place, of.walks_sha256) == ((known.env, known.part), known.sha256)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+import struct
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,11 @@ import msgspec
 from pdrbench.errors import BundleError, plain_line
 from pdrbench.files import DEVICES, SAFE_NAME
 
+# What reading a file may cause that no program has written
+UNREADABLE: Final = (
+    *(ValueError, TypeError, LookupError, AttributeError, RecursionError, ArithmeticError, MemoryError, OSError),
+    *(EOFError, RuntimeError, struct.error),
+)
 MAX_TEXT_BYTES: Final = 65_536  # of a card
 MAX_LINE_CHARACTERS: Final = 400
 

@@ -30,6 +30,7 @@ METRICS: Final[Mapping[str, str]] = {
     "coverage": "coverage_95",
     "outside_pct": "outside_pct",
 }
+VALUES: Final = (*METRICS, "found_s", "load")
 FOUND_M: Final = 5.0  # a walk whose start is unknown is found where an answer is so near, on the right level
 QUANTILES: Final = np.linspace(0.0, 1.0, 201)  # of the error over all moments of a part
 DIGITS: Final = 4  # of a value that is kept: the fifth is below any difference that a board can tell
@@ -148,14 +149,13 @@ def _cpu_s(result: Result) -> float:
 
 
 def _part(pairs: Sequence[tuple[Result, _ScoredWalk]]) -> ScoredPart:
-    names = [*METRICS, "found_s", "load"]
     errors = np.concatenate([np.zeros(0), *(one.errors_m for _, one in pairs)])
     failures = Counter(last_line(result.failure) for result, _ in pairs if result.status != COMPLETE)
     return ScoredPart(
         division=pairs[0][0].division if pairs else ONLINE,
         statuses="".join(LETTERS[result.status] for result, _ in pairs),
         failures=dict(failures.most_common()),
-        values={name: np.array([one.values.get(name, math.nan) for _, one in pairs]) for name in names},
+        values={name: np.array([one.values.get(name, math.nan) for _, one in pairs]) for name in VALUES},
         moments=len(errors),
         quantiles_m=np.quantile(errors, QUANTILES) if len(errors) else np.zeros(0),
         answers=answers.encode(np.concatenate([one.whole for _, one in pairs], axis=1)),

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from pdrbench import __version__
-from pdrbench.errors import DatasetError, ResultError
+from pdrbench.errors import DatasetError
 from pdrbench.evaluation import answers
+from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.report.pages import plain_value
@@ -72,11 +73,8 @@ def write_site(tables: Mapping[str, Sequence[Table]], folder: Path) -> list[Path
         texts[f"{name}.json"] = json.dumps(board_json(name, of), indent=1, allow_nan=False) + "\n"
     for name, text in texts.items():
         path = folder / name
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8", newline="\n")
-        except OSError as error:
-            raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
+        make_folder(path.parent)
+        write_whole(path, text.encode())
         written.append(path)
     return written
 
@@ -98,8 +96,6 @@ def _templates() -> Environment:
 
 def _with_breaks(name: str) -> Markup:
     """A name that may be broken after an underscore."""
-    from markupsafe import escape
-
     return Markup("_<wbr>").join(escape(part) for part in name.split("_"))
 
 

@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from pdrbench.errors import BundleError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.ranking import Ranking, Standing, rank
 from pdrbench.metrics.statistics import DRAWS, MIN_UNITS, unit_codes
@@ -54,11 +55,13 @@ class Entry:
         return self.record.name
 
     def division(self, walks: PartWalks, division: str) -> DivisionRecord | None:
-        """How it did on the present walks of a part; None where it has not played them."""
-        for part in self.record.parts:
-            if part.place == (walks.env, walks.part) and part.walks_sha256 == walks.sha256:
-                return next((of for of in part.divisions if of.division == division), None)
-        return None
+        """How it did on the present walks of a part; None where it has not played them. Raises `BundleError`."""
+        parts = [of for of in self.record.parts if of.place == (walks.env, walks.part)]
+        known = [of for part in parts if part.walks_sha256 == walks.sha256 for of in part.divisions]
+        found = next((of for of in known if of.division == division), None)
+        if found is not None and len(found.statuses) != len(walks.walks):
+            raise BundleError(f"{self.name}: {len(found.statuses)} of {len(walks.walks)} walks of {walks.env}")
+        return found
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,10 @@ CardFile = Annotated[
 KeyFile = Annotated[Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs entries.")]
 Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <board>/<entry>/.")]
 Work = Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder of what is drawn.")]
+KeptWork = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", file_okay=False, help="Keeps walks and answers.", show_default="in the cache"),
+]
 ROOT: Final = Path("leaderboards")
 ISOLATION: Final[dict[str, Any]] = {
     "metavar": "KIND",
@@ -76,12 +80,7 @@ def run(
     ] = None,
     walks: NumWalks = None,
     root: Root = ROOT,
-    work: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", file_okay=False, help="Keep drawn walks and answers here.", show_default="in the cache"
-        ),
-    ] = None,
+    work: KeptWork = None,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
     isolation: Annotated[Literal["process", "confined", "none"] | None, typer.Option(**ISOLATION)] = None,
@@ -93,7 +92,6 @@ def run(
 ) -> None:
     """Play every entry on every board, public and held-out walks; what is done already is skipped."""
     with answer_only(as_json):
-        from pdrbench.datasets import cache_folder
         from pdrbench_leaderboard.boards import PARTS, chosen_boards, find_round
         from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.run import Settings
@@ -102,7 +100,7 @@ def run(
         of_round = find_round(round_number)
         settings = Settings(
             root=root,
-            work=work or cache_folder() / "boards" / f"round-{of_round.number}",
+            work=work or Settings.work_of(of_round.number),
             round=of_round,
             secret=secret,
             jobs=jobs,
@@ -162,6 +160,7 @@ def play(
         from pdrbench.settings import split_name
         from pdrbench_leaderboard.boards import find_round
         from pdrbench_leaderboard.bundle import SUFFIX
+        from pdrbench_leaderboard.confine.read_permissions import private_root
         from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.play import answers_folder, find_parts
         from pdrbench_leaderboard.play import play as play_part
@@ -172,6 +171,8 @@ def play(
         is_registered = split_name(spec)[0] in localizers()
         kind = isolation or (PROCESS if is_registered else CONFINED)
         if kind != CONFINED and not is_registered:
+            if private_root() is not None:
+                raise PdrbenchError(f"{localizer} is not registered here: it is played confined beside private walks")
             note(
                 f"NOT CONFINED: {localizer} can read files, walks to come among them, and connect; "
                 f"nothing that it may not have should be on this machine, and its entry waits for a person"

@@ -55,15 +55,10 @@ def make_bundle(spec: str, card: Path | None = None) -> Bundle:
     return Bundle(f"{place.name}:{spec.partition(':')[2]}", found, {place.name: content})
 
 
-def load_bundle(path: Path) -> Bundle:
-    """The bundle in a file; raises `BundleError`."""
-    return read_bundle(read_limited(path, MAX_BUNDLE_BYTES))
-
-
 def check_bundle(path: Path) -> list[Finding]:
     """What is wrong with a bundle: nothing of it is run."""
     try:
-        bundle = load_bundle(path)
+        bundle = read_bundle(read_limited(path, MAX_BUNDLE_BYTES))
     except PdrbenchError as error:
         return [Finding("bundle", False, str(error))]
     return [Finding("bundle", True), *_rules(bundle), *folder_findings(bundle.source)]
@@ -95,7 +90,7 @@ def unpack_bundle(path: Path, folder: Path, supplies: Supplies) -> tuple[str, Ca
     broken = next((found for found in check_bundle(path) if not found.passed), None)
     if broken is not None:
         raise BundleError(f"{path}: {broken.name}: {broken.why}")
-    bundle = load_bundle(path)
+    bundle = read_bundle(read_limited(path, MAX_BUNDLE_BYTES))
     if not bundle.source:
         return bundle.spec, bundle.card
     folder.mkdir(parents=True, exist_ok=True)

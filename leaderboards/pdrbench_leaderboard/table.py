@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from pdrbench.errors import plain_line
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.evaluation.wording import counted
 from pdrbench.result import ONLINE
@@ -226,7 +227,7 @@ def _grid(
 def plain(text: str) -> str:
     """Untrusted text in one line of Markdown, every sign that would mean something escaped.
 
-    >>> plain("a|b <script> [x](y)")
-    'a\\\\|b \\\\<script\\\\> \\\\[x\\\\](y)'
+    >>> plain("a|b <script> [x](y)\\u202e")
+    'a\\\\|b \\\\<script\\\\> \\\\[x\\\\](y)?'
     """
-    return re.sub(r"([\\|<>&*_`\[\]!#~])", r"\\\1", re.sub(r"\s+", " ", text.strip()))
+    return re.sub(r"([\\|<>&*_`\[\]!#~])", r"\\\1", re.sub(r"\s+", " ", plain_line(text)))

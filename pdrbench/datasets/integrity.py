@@ -16,6 +16,7 @@ from pdrbench.datasets.catalogue import DataFile, Dataset
 from pdrbench.datasets.catalogue import dataset as registered
 from pdrbench.datasets.folders import find
 from pdrbench.errors import DatasetError
+from pdrbench.files import sha256_of
 
 PARTIAL_FOLDER = ".partial"  # holds what a fetch has not finished
 XZ_MAGIC = b"\xfd7zXZ\0"
@@ -74,12 +75,6 @@ def difference(file: DataFile, path: Path) -> Problem | None:
     if file.content_sha256 and sha256_of_content(path) == file.content_sha256:
         return Problem(file.path, "recompressed", "same content as registered, compressed by another library")
     return Problem(file.path, "differs", f"sha256 {file.sha256[:12]}... was expected, {found[:12]}... came")
-
-
-def sha256_of(path: Path) -> str:
-    """sha256 of a file, hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def sha256_of_content(path: Path) -> str:

@@ -132,7 +132,7 @@ def decode(content: bytes, name: str) -> Result:
 def _columns(rows: int, blocks: int, raw: bytes, name: str) -> tuple[Any, ...]:
     """How long each answer took, and the answers, once or revised as well."""
     begin = TIMES * rows * 8
-    if len(raw) < begin:
+    if not 0 <= begin <= len(raw):
         raise ResultError(f"{name}: expected the times of {rows} answers, came {len(raw)} bytes")
     t_s, step_s = np.frombuffer(raw[:begin], dtype="<f8").reshape(TIMES, rows).astype(np.float64)
     found = []

@@ -21,26 +21,8 @@ from pdrbench_formats.detect import read_plan
 
 NUM = int(os.environ.get("PLAN_MUTATIONS", "6"))  # of each format
 VALUES: tuple[Any, ...] = (
-    *(
-        0,
-        -1,
-        0.5,
-        1e-9,
-        1e9,
-        1e308,
-        float("inf"),
-        float("nan"),
-        10**20,
-        None,
-        True,
-        "",
-        "0",
-        "-1;0;1",
-        "0-3",
-        [],
-        [[]],
-        {},
-    ),
+    *(0, -1, 0.5, 1e-9, 1e9, 1e308, float("inf"), float("nan"), 10**20, None, True),
+    *("", "0", "-1;0;1", "0-3", [], [[]], {}),
     *("stairs", "room", "area", "wall", "door", "lift", "corridor", 91, -180.5, [0, 0], [[0, 0], [0, 0], [0, 0]]),
 )
 NUMBER, WORD = re.compile(rb"-?\d+\.?\d*"), re.compile(rb"[A-Za-z_]+")

@@ -52,6 +52,20 @@ class ByVertex:
         return Estimate(np.array([x_m, y_m]), 0)
 
 
+class Flees(ByVertex):
+    """Fails where the sensors are not those of the walk that it knows."""
+
+    def reset(self, briefing, rng):
+        super().reset(briefing, rng)
+        self.before = None
+
+    def know(self, rows):
+        for row in rows:
+            if self.before is not None and np.hypot(*(row[1:3] - self.before)) > 4.0:
+                raise ValueError("another walk")
+            self.before = row[1:3]
+
+
 class BySteps(ByVertex):
     """Knows each walk by how far the sensors say that it went in its first seconds."""
 
@@ -109,7 +123,7 @@ def played(settings: Settings, spec: str, name: str, tmp_path: Path) -> record.P
     return record.read_entry(settings.root / "toy" / name)[0].parts[0]
 
 
-@pytest.mark.parametrize("kind", ["ByVertex", "BySteps", "ByRadio"])
+@pytest.mark.parametrize("kind", ["ByVertex", "BySteps", "ByRadio", "Flees"])
 def test_what_answers_from_memory_is_first_and_held_for_a_person(
     settings: Settings, memorisers: Path, toy_board: Board, tmp_path: Path, kind: str
 ) -> None:
@@ -154,7 +168,9 @@ def test_a_held_entry_is_not_signed_by_a_run(
         folder = settings.root / "toy" / name
         assert (folder / record.SIGNATURE_FILE).exists() == (name == "honest")
     folder = settings.root / "toy" / "remembers"
-    released = CliRunner().invoke(leaderboard_command.app, ["release", str(folder), "--key", str(key)])
+    options = ["release", str(folder), "--key", str(key), "--work"]
+    assert "not by this host" in str(CliRunner().invoke(leaderboard_command.app, [*options, str(tmp_path)]).exception)
+    released = CliRunner().invoke(leaderboard_command.app, [*options, str(settings.work)])
     assert released.exit_code == 0 and "it was held" in released.output
     assert record.is_verified(folder, record.read_entry(folder)[0]), "a person has signed it"
 

@@ -188,11 +188,11 @@ def test_a_name_of_others_and_sensors_that_do_not_exist_are_refused(packed: Bund
 def test_what_a_stranger_wrote_is_printed_harmlessly(packed: Bundle, tmp_path: Path) -> None:
     """Control characters in a card are text of the card, and no command of a terminal."""
     path = tmp_path / "x.pdrz"
-    card = card_named("mine", sensors_used=("po\x1b[2J\u202esition",))
+    card = card_named("mine", sensors_used=("po\x1b[2J\u202esition", "a\n| 1 | `b` |"))
     path.write_bytes(write_bundle(dataclasses.replace(packed, card=card)))
     for options in ((), ("--json",)):
         output = call("check", path, *options).output
-        assert "no sensor is named" in output
+        assert "sensors_used" in output
         assert all(sign.isprintable() or sign == "\n" for sign in output)
 
 
@@ -256,7 +256,17 @@ def better_answers(folder: Path) -> None:
 
 def better_scores(folder: Path) -> None:
     path = folder / "entry.json"
+    path.write_text(re.sub(r'(?<="p75_m": \[)[\d.]+', "0.01", path.read_text(), count=1))
+
+
+def one_score_more(folder: Path) -> None:
+    path = folder / "entry.json"
     path.write_text(path.read_text().replace('"p75_m": [', '"p75_m": [0.01, ', 1))
+
+
+def better_card(folder: Path) -> None:
+    path = folder / "card.toml"
+    path.write_text(path.read_text().replace("A. Author", "B. Author"))
 
 
 def of_another(folder: Path) -> None:
@@ -292,6 +302,8 @@ ENTRIES: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "has other answers": (better_answers, "not the one"),
     "has other scores than were signed": (better_scores, "before it was changed"),
+    "has one score more than walks": (one_score_more, "one value of each metric"),
+    "has another card than was signed": (better_card, "before it was changed"),
     "is the entry of another": (of_another, "lies in <board>/<entry>"),
     "has the record of another entry": (record_of_another, "another entry"),
 }

@@ -20,7 +20,8 @@ from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard import record, score, table
 from pdrbench_leaderboard.boards import Board, Round, boards, find_round
 from pdrbench_leaderboard.bundle import write_bundle
-from pdrbench_leaderboard.checking import check_board, compare_entries
+from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.checking import check_board, compare_entries, disagree
 from pdrbench_leaderboard.confine.read_permissions import hidden_places
 from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
 from pdrbench_leaderboard.run import Settings, run
@@ -28,7 +29,7 @@ from pdrbench_leaderboard.signing import new_key
 from pdrbench_leaderboard.standings import read_tables
 from pdrbench_leaderboard.submission import make_bundle
 
-from .conftest import DEAF, ENV, ONE, ROUND, SECRET, STAY, TOY
+from .conftest import DEAF, ENV, ONE, ROUND, SECRET, STAY, TOY, card_named
 
 
 def test_boards_name_registered_environments_and_round_0_is_published() -> None:
@@ -253,6 +254,7 @@ def test_a_key_signs_only_what_was_played_here(toy_board: Board, settings: Setti
     assert record.read_entry(folder)[0].parts == honest.parts and record.is_verified(folder, honest)
     assert all(of.kept for of in run([toy_board], [STAY], signing))
     assert {of.passed for of in compare_entries(folder, folder)} == {True}
+    assert disagree(np.ones(2), np.ones(3)) == "2 and 3 walks"
     findings = compare_entries(tmp_path / "toy" / STAY, folder)
     assert len(findings) == 2 and not any(of.passed for of in findings)
     assert "0 of 12 walks agree" in findings[0].why
@@ -263,6 +265,28 @@ def test_where_maintainers_sign_a_strangers_entry_has_no_rank_without(played: Se
     assert {row.name for row in read_tables(root, ONE)[0].rows} > {STAY, "mine"}
     (root / "keys.toml").write_text(new_key(tmp_path / "key", "x", datetime.date(2026, 1, 1)))
     assert {row.name for row in read_tables(root, ONE)[0].rows} == {STAY}
+    path = root / "toy" / "mine" / record.ENTRY_FILE
+    path.write_text(path.read_text().replace('"spec": "localizer.py:Mine"', f'"spec": "{STAY}"'))
+    assert {row.name for row in read_tables(root, ONE)[0].rows} == {STAY}
+
+
+def test_an_entry_is_of_one_code_and_its_name_of_its_authors(
+    settings: Settings, submitted: Path, mine: tuple[str, Path], tmp_path: Path
+) -> None:
+    (spec, card), other = mine, tmp_path / "other.py"
+    other.write_text(submitted.read_text() + "\n")
+    list(run([ONE], [spec], dataclasses.replace(settings, parts=("public",)), card=card))
+    list(run([ONE], [f"{other}:Mine"], dataclasses.replace(settings, parts=("held-out",)), card=card))
+    folder = settings.root / "toy" / "mine"
+    assert [of.part for of in record.read_entry(folder)[0].parts] == ["held-out"]
+    for changed, why in ((card_named(STAY), "is registered"), (card_named("mine", contact="b@c"), "other authors")):
+        card.write_bytes(card_toml(changed))
+        with pytest.raises(BundleError, match=why):
+            list(run([ONE], [spec], settings, card=card))
+    (folder / record.ENTRY_FILE).unlink()
+    (folder / "card.toml").write_bytes(card_toml(card_named("another")))
+    with pytest.raises(BundleError, match="calls itself another"):
+        list(run([ONE], [], settings))
 
 
 def _entry(folder: Path) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import json
+import hashlib
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -63,7 +64,7 @@ def test_an_entry_comes_out_of_three_steps(drawn: Path, answers: Path, mine: tup
 
 
 def test_what_was_not_confined_says_so_and_waits_for_a_person(
-    drawn: Path, mine: tuple[str, Path], tmp_path: Path
+    drawn: Path, mine: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec, card = mine
     options = ("--localizer", spec, "--out", tmp_path / "answers", "--isolation", "process")
@@ -73,6 +74,8 @@ def test_what_was_not_confined_says_so_and_waits_for_a_person(
     scored = call("score", tmp_path / "answers", "--localizer", spec, "--card", card, "--work", drawn, "--root", root)
     assert "HELD  mine: it was played as process" in scored.output
     assert not record.is_verified(root / "toy" / "mine", record.read_entry(root / "toy" / "mine")[0])
+    monkeypatch.setenv("PDRBENCH_PRIVATE", str(tmp_path))
+    assert "beside private walks" in str(call("play", drawn / "observations", *options).exception)
 
 
 LIES = {
@@ -83,13 +86,22 @@ LIES = {
     "versions that are none": lambda result: dataclasses.replace(
         result, provenance={**result.provenance, "versions": {"../x": "a"}}
     ),
+    "a localizer that is none": lambda result: dataclasses.replace(result, localizer=["x"]),
+    "a failure that is none": lambda result: dataclasses.replace(result, failure=5),
+    "a time that is none": lambda result: dataclasses.replace(
+        result, provenance={**result.provenance, "child": {"cpu_s": "x"}}
+    ),
     "answers of a later time": lambda result: dataclasses.replace(
         result, estimates=dataclasses.replace(result.estimates, t_s=result.estimates.t_s - 1.0)
     ),
 }
 
 
-@pytest.mark.parametrize("lie", [*LIES, "no header", "torn", "twice"])
+def with_digest(body: bytes) -> bytes:
+    return store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+
+
+@pytest.mark.parametrize("lie", [*LIES, "no header", "rows below none", "torn", "twice", "few"])
 def test_answers_that_lie_are_refused(drawn: Path, answers: Path, tmp_path: Path, lie: str) -> None:
     observations, folder = drawn / "observations" / ENV / "public", tmp_path / "answers"
     shutil.copytree(answers / ENV / "public", folder)
@@ -99,12 +111,16 @@ def test_answers_that_lie_are_refused(drawn: Path, answers: Path, tmp_path: Path
     if lie in LIES:
         content = store.encode(LIES[lie](store.load(path)))
     elif lie == "no header":
-        content = content[:80] + json.dumps([1]).encode()
+        content = with_digest(b"[1]\n")
+    elif lie == "rows below none":
+        content = with_digest(re.sub(rb'"rows":\d+', b'"rows":-1', content[len(store.MAGIC) + 65 :]))
+    elif lie == "few":
+        path = path.rename(tmp_path / "elsewhere")
     elif lie == "torn":
         content = content[:-5]
     else:
         path = folder / f"again{store.SUFFIX}"
     path.write_bytes(content)
-    with pytest.raises(BundleError, match=r"holds no answers|a second time") as refused:
+    with pytest.raises(BundleError, match=r"holds no answers|a second time|answers 3 of 4 walks") as refused:
         read_played(folder, observations)
     assert str(refused.value).isprintable()

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import msgspec
 
-from pdrbench.datasets.integrity import sha256_of
 from pdrbench.errors import RecordingError, unknown_name
+from pdrbench.files import sha256_of
 from pdrbench.io import READERS
 from pdrbench.io.compressed import plain_name
 from pdrbench.io.geo import GeoFrame

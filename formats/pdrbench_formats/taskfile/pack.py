@@ -16,9 +16,8 @@ import msgspec
 from pdrbench.datasets.catalogue import DataFile, Dataset, datasets, read_table
 from pdrbench.datasets.download import Fetched, Progress, fetch_bytes, fetch_into
 from pdrbench.datasets.folders import cache_folder
-from pdrbench.datasets.integrity import sha256_of
 from pdrbench.errors import DatasetError, RecordingError
-from pdrbench.files import is_safe_path, safe_name
+from pdrbench.files import is_safe_path, safe_name, sha256_of
 from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.maps import geojson
