@@ -40,27 +40,35 @@ class Says:
         return self._answer, (memory or 0) + 1
 
 
-def lying_rows(seconds: float) -> dict[str, FloatArray]:
-    """Of a phone that lies level, ahead along x."""
+def level_rows(seconds: float, shaking_mps2: float = 2.0) -> dict[str, FloatArray]:
+    """Of a level phone, ahead along x, that steps shake up and down with a period of 0.55 s."""
     t_s = np.arange(0.0, seconds, 0.02)
     columns = {"accel": [0.0, 0.0, 9.81], "gyro": [0.0, 0.0, 0.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
-    return {name: np.column_stack([t_s, np.tile(row, (len(t_s), 1))]) for name, row in columns.items()}
+    rows = {name: np.column_stack([t_s, np.tile(row, (len(t_s), 1))]) for name, row in columns.items()}
+    rows["accel"][:, 3] += shaking_mps2 * np.sin(2 * np.pi * 2 / 1.1 * t_s)
+    return rows
 
 
 def continued(*x_m: float, length_factor: float = 1.0) -> ContinuedReckoner:
     """After its first second."""
     first, *others = (Says(one) for one in x_m)
     reckoner = ContinuedReckoner(first, briefing(), others, length_factor=length_factor)
-    assert len(list(reckoner.update(lying_rows(1.5)))) == 1
+    assert len(list(reckoner.update(level_rows(1.5)))) == 1
     return reckoner
 
 
 def test_companions_are_averaged_with_the_first_network() -> None:
-    moves = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.3), Says(0.7)]).update(lying_rows(3.5)))
+    moves = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.3), Says(0.7)]).update(level_rows(3.5)))
     assert [move.end_s for move in moves] == [1.0, 2.0, 3.0]
     np.testing.assert_allclose([move.move_m for move in moves], [[1.0, 0.0]] * 3)
     np.testing.assert_allclose(moves[0].covariance_m2, np.diag([0.04 + 2 * 0.3**2 / 3, 0.04]))
     assert not any(move.stands or move.is_guess for move in moves)
+
+
+@pytest.mark.parametrize("shaking_mps2", [0.2, 2.0])
+def test_a_phone_that_hardly_shakes_is_at_rest_whatever_a_network_says(shaking_mps2: float) -> None:
+    moves = list(Reckoner(Says(1.0), briefing()).update(level_rows(3.5, shaking_mps2)))
+    assert [(move.stands, move.move_m[0]) for move in moves] == [(shaking_mps2 < 1.0, shaking_mps2 > 1.0)] * 3
 
 
 @pytest.mark.parametrize(
@@ -79,10 +87,10 @@ def test_where_a_companion_stands_it_decides_the_mean_and_not_the_covariance(
 
 def test_a_companion_that_contradicts_the_first_for_long_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """0.2 m apart are half a squared distance of 0.25, 0.8 m of 4, whose mean passes 1.5 in the fifth second."""
-    near = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.2)]).update(lying_rows(30.5)))
+    near = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.2)]).update(level_rows(30.5)))
     np.testing.assert_allclose([move.move_m[0] for move in near], 1.1)
     reckoner = Reckoner(Says(1.0), briefing(), companions=[Says(1.8)])
-    far = [move.move_m[0] for move in reckoner.update(lying_rows(30.5))]
+    far = [move.move_m[0] for move in reckoner.update(level_rows(30.5))]
     assert far[0] == pytest.approx(1.4) and far[-1] == pytest.approx(1.0) and (np.diff(far) <= 1e-12).all()
     monkeypatch.setattr(reckoner._members[-1], "change_m", lambda *_: np.ones(2))
     latest = reckoner.latest_change_m()
@@ -116,23 +124,15 @@ class Rocks:
 
 def rocking_rows(seconds: float, *gaps_s: tuple[float, float]) -> dict[str, FloatArray]:
     """Of a level phone that rocks with a period of 1.1 s and half of it, without samples in the gaps."""
-    rows = lying_rows(seconds)
+    rows = level_rows(seconds)
     t_s = rows["accel"][:, 0]
-    for axis, hertz, size in ((1, 1 / 1.1, 0.5), (3, 2 / 1.1, 2.0)):
-        rows["accel"][:, axis] += size * np.sin(2 * np.pi * hertz * t_s)
+    rows["accel"][:, 1] += 0.5 * np.sin(2 * np.pi / 1.1 * t_s)
     kept = np.logical_and.reduce([(t_s < begin_s) | (t_s > end_s) for begin_s, end_s in gaps_s])
     return {name: one[kept] for name, one in rows.items()}
 
 
 def rocked(*gaps_s: tuple[float, float]) -> list[Move]:
-    reckoner, rows = Reckoner(Rocks(), briefing()), rocking_rows(20.5, *gaps_s)
-    return [
-        move
-        for now_s in np.arange(0.2, 20.6, 0.2)
-        for move in reckoner.update(
-            {name: one[(one[:, 0] > now_s - 0.2) & (one[:, 0] <= now_s)] for name, one in rows.items()}
-        )
-    ]
+    return list(Reckoner(Rocks(), briefing()).update(rocking_rows(20.5, *gaps_s)))
 
 
 def test_what_a_gap_hides_goes_on_as_before() -> None:
@@ -170,7 +170,7 @@ def test_lengths_are_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:
     latest = reckoner.latest_change_m()
     assert latest is not None
     np.testing.assert_allclose(latest[1], (0.5, 0.0))
-    later = {name: rows[rows[:, 0] >= 1.5] for name, rows in lying_rows(2.5).items()}
+    later = {name: rows[rows[:, 0] >= 1.5] for name, rows in level_rows(2.5).items()}
     (move,) = reckoner.update(later)
     np.testing.assert_allclose(move.move_m, (0.6, 0.0))
     np.testing.assert_array_equal(reckoner.turned_off_m(0.1), np.zeros(2))  # a new second begins

@@ -52,6 +52,8 @@ class LearnedParams:
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
         doubted_mps: Standard deviation of the speed where a network fully doubts its input, the same all along.
         start_sigma_m: Spread around a start, per axis, at least.
+        companions: Packaged networks with whose displacements those of the network for phones that comes with pdrbench
+            are averaged, see `Reckoner`.
         phone: Errors of a phone.
         foot: Errors of a unit on a foot.
     """
@@ -60,6 +62,7 @@ class LearnedParams:
     carry_s: float = CARRY_S
     doubted_mps: float = 0.7  # of a trolley all that is known is that it goes at less than walkers do
     start_sigma_m: float = 0.5
+    companions: tuple[str, ...] = ("phone_plain",)
     phone: ReckoningErrors = field(default_factory=ReckoningErrors)
     foot: ReckoningErrors = FOOT_ERRORS
 
@@ -114,8 +117,8 @@ class Learned(NetworkLocalizer):
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
         assert briefing.start is not None
-        self._begin(briefing)
         p = self._params
+        self._begin(briefing, companions=p.companions if briefing.carrier == PHONE and p.weights is None else ())
         self._errors = p.phone if briefing.carrier == PHONE else p.foot
         self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
         self._start_m = self._xy_m.copy()
