@@ -32,9 +32,8 @@ STANDS_M: Final = 0.2  # a network that counts steps is taken to say that its be
 RHYTHMS: Final = (0.26, 0.31)
 RHYTHM_SECONDS: Final = 10
 # Standard deviation of the force of a second in m/s2, below which a phone is at rest: of one that has not shaken in the
-# rhythm of steps yet, and so may lie on a trolley, and of one that has. Who stands in a museum holding a phone shakes it
-# by 0.1 to 0.6, walkers there by 0.8 or more (8 train and val walks of IpinPhone-v1); simulated ones who walk at half of
-# the usual speed by 0.4 or more.
+# rhythm of steps yet, and so may lie on a trolley, and of one that has. Who stands in a museum shakes a phone by 0.1 to
+# 0.6, walkers there by 0.8 or more (8 train and val walks of IpinPhone-v1), slow simulated ones by 0.4 or more.
 AT_REST_MPS2: Final = (0.3, 0.4)
 STEPLESS_M: Final = 0.5  # sigma of a second in which something rolls, at any speed of a walker
 MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from the network
