@@ -111,12 +111,14 @@ def walks_of(dataset: str) -> list[FootWalk]:
         DatasetError: The data is not available.
     """
     pattern, read = _READERS[dataset]
-    walks = []
-    for path in sorted(find(dataset).rglob(pattern)):
-        log = read(path)
-        accel, gyro = log.rows["accel"], log.rows["gyro"]
-        walks.append(FootWalk(path, accel[:, 0], accel[:, 1:4], gyro[:, 1:4], log.reference))
-    return walks
+    return [walk_of(path, read) for path in sorted(find(dataset).rglob(pattern))]
+
+
+def walk_of(path: Path, read: Callable[[Path], Log]) -> FootWalk:
+    """One recording."""
+    log = read(path)
+    accel, gyro = log.rows["accel"], log.rows["gyro"]
+    return FootWalk(path, accel[:, 0], accel[:, 1:4], gyro[:, 1:4], log.reference)
 
 
 def capture_played(seed: int) -> dict[str, Any]:
