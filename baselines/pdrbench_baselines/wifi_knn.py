@@ -15,11 +15,11 @@ from pdrbench.radio.matching import FRESHNESS_PER_S, SURVEY_AGE_S
 
 @dataclass(frozen=True, slots=True)
 class WifiKnnParams:
-    """Chosen over six sets, each left out in turn; freshness and age of the survey on train of MallPhoneLost-v2."""
+    """By hand on six sets, test scans of three among them; freshness and age on train of MallPhoneLost-v2."""
 
     neighbours: int = 5  # surveyed places; each counts with those of its scans that come before another place
     fall: float = 4.0  # a scan counts for its distance to minus this power
-    power: float = 1.5  # of the strength, as published for UJIIndoorLoc; see `pdrbench.radio.strength`
+    power: float = 1.5  # of the strength; see `pdrbench.radio.strength`
     survey_age_s: float = SURVEY_AGE_S  # an older reading of the survey was received somewhere else
     freshness_per_s: float = FRESHNESS_PER_S  # a reading of the scan counts for 0.8 ** age
 
