@@ -25,17 +25,18 @@ def test_table_holds_the_strongest_fresh_reading() -> None:
     assert table.rssi_dbm.tolist() == [[u, u, -40.0], [-50.0, -55.0, u], [u, u, u]]
 
 
-def test_unknown_access_points_are_separated() -> None:
+def test_readings_lie_by_access_point() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=100.0)
-    column, known = table.columns(np.array([20.0, 5.0, 99.0]))
-    assert known.tolist() == [True, False, False]
-    assert column[0] == 1
+    assert table.first.tolist() == [0, 2, 3, 4]
+    assert table.column.tolist() == [0, 0, 1, 2]
+    assert table.fingerprint.tolist() == [0, 1, 1, 0]  # rising within an access point
+    assert table.reading_dbm.tolist() == [-70.0, -50.0, -55.0, -40.0]
 
 
 def test_a_survey_without_fresh_readings_is_empty() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=-1.0)
     assert table.rssi_dbm.shape == (3, 0)
-    assert not table.columns(np.array([10.0]))[1].any()
+    assert not len(table.access_point) and not len(table.reading_dbm)
 
 
 def test_strength_grows_from_zero_at_missing() -> None:
