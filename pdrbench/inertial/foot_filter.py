@@ -259,14 +259,14 @@ class FootFilter:
             used[rows] = self._field.choose(t_s[rows], accel[rows], field[rows], rest.sigma_mps[rows])
         samples, is_carried = self._gaps.fill(np.column_stack([t_s, accel, gyro]))
         if not is_carried.any():
-            return Piece(begin, empty_states(t_s, rest), accel, gyro, used, is_carried)
+            return Piece(begin, empty_states(t_s, rest, begin), accel, gyro, used, is_carried)
         at = np.flatnonzero(~is_carried)
         spread = [np.full((len(samples), *values.shape[1:]), np.nan) for values in (*rest, used)]
         for wide, values in zip(spread, (*rest, used), strict=True):
             wide[at] = values
         spread[1][is_carried] = np.inf
         begin = int(np.append(at, len(samples))[begin]) if begin else 0  # a filter that has begun takes all of them
-        states = empty_states(samples[:, 0], Rest(*spread[:3]))
+        states = empty_states(samples[:, 0], Rest(*spread[:3]), begin)
         return Piece(begin, states, samples[:, 1:4], samples[:, 4:7], spread[3], is_carried)
 
 
@@ -359,16 +359,13 @@ def _levelled(up: FloatArray) -> FloatArray:
     return levelled
 
 
-def empty_states(t_s: FloatArray, rest: Rest) -> FootStates:
-    """States of which nothing is known yet."""
+def empty_states(t_s: FloatArray, rest: Rest, begin: int = 0) -> FootStates:
+    """States of which nothing is known before sample `begin`; what comes after is to be filled in."""
     count = len(t_s)
-    return FootStates(
-        np.array(t_s, dtype=np.float64),
-        np.full((count, 16), np.nan),
-        np.full((count, 4, 4), np.nan),
-        rest,
-        np.full(count, np.nan),
-    )
+    x, cov, nis = np.empty((count, 16)), np.empty((count, 4, 4)), np.empty(count)
+    for values in (x, cov, nis):
+        values[:begin] = np.nan
+    return FootStates(np.array(t_s, dtype=np.float64), x, cov, rest, nis)
 
 
 def run(

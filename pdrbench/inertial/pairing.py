@@ -14,10 +14,10 @@ MOVES_RADPS: Final = 0.5  # a foot or a hand that turns faster never shows six e
 def is_repeat(samples: FloatArray, before: FloatArray) -> BoolArray:
     """(n,) whether a sample (n, 6) is the one before it again, which some units send in place of one that was lost."""
     earlier = np.concatenate([before, samples])[-len(samples) - 1 : -1] if len(before) else samples[:-1]
-    same = np.zeros(len(samples), dtype=np.bool_)
-    same[len(samples) - len(earlier) :] = (samples[len(samples) - len(earlier) :] == earlier).all(axis=1)
-    moves: BoolArray = np.linalg.norm(samples[:, 3:], axis=1) > MOVES_RADPS
-    return same & moves
+    first = len(samples) - len(earlier)
+    at = first + np.flatnonzero(samples[first:, 3] == earlier[:, 3])
+    at = at[(samples[at] == earlier[at - first]).all(axis=1) & (np.linalg.norm(samples[at, 3:], axis=1) > MOVES_RADPS)]
+    return np.bincount(at, minlength=len(samples)).astype(np.bool_)
 
 
 class SamplePairs:

@@ -222,18 +222,20 @@ def statistic(
     kind: str, accel: FloatArray, gyro: FloatArray, rows: int, sigma_accel: float, sigma_gyro: float, gravity: float
 ) -> FloatArray:
     """(n,) statistic of a detector over the last `rows` samples, over fewer at the beginning; see `Detector`."""
-    value: FloatArray
     if kind == "shoe":
-        value = _shoe(accel, gyro, rows, sigma_accel, sigma_gyro, gravity)
-    elif kind == "are":
-        value = _rate_energy(gyro, rows, sigma_gyro)
+        shoe: FloatArray = _shoe(accel, gyro, rows, sigma_accel, sigma_gyro, gravity)
+        return shoe
+    force2, rate2 = (accel**2).sum(axis=1), (gyro**2).sum(axis=1)
+    if kind == "are":
+        value = _trailing_mean(rate2, rows) / sigma_gyro**2
     elif kind == "mv":
-        value = _moving_variance(accel, rows, sigma_accel)
+        means = [_trailing_mean(np.ascontiguousarray(column), rows) for column in accel.T]
+        value = (_trailing_mean(force2, rows) - np.square(means).sum(axis=0)) / sigma_accel**2
     elif kind == "mag":
-        value = _magnitude(accel, rows, sigma_accel, gravity)
+        value = _trailing_mean((np.sqrt(force2) - gravity) ** 2, rows) / sigma_accel**2
     else:
         raise ValueError(f"no statistic of that name: {kind!r}")
-    return value
+    return np.asarray(value)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -256,45 +258,13 @@ def _shoe(accel: Any, gyro: Any, rows: int, sigma_accel: float, sigma_gyro: floa
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _rate_energy(gyro: Any, rows: int, sigma_gyro: float) -> Any:
-    value = np.empty(len(gyro))
-    for k in range(len(gyro)):
+def _trailing_mean(values: Any, rows: int) -> Any:
+    """(n,) mean over the last `rows` values, over fewer at the beginning."""
+    mean = np.empty(len(values))
+    for k in range(len(values)):
         low = max(k - rows + 1, 0)
-        turn = 0.0
-        for i in range(low, k + 1):
-            turn += gyro[i, 0] * gyro[i, 0] + gyro[i, 1] * gyro[i, 1] + gyro[i, 2] * gyro[i, 2]
-        value[k] = turn / (sigma_gyro**2 * (k + 1 - low))
-    return value
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _moving_variance(accel: Any, rows: int, sigma_accel: float) -> Any:
-    value = np.empty(len(accel))
-    for k in range(len(accel)):
-        low = max(k - rows + 1, 0)
-        count = k + 1 - low
-        m0, m1, m2 = 0.0, 0.0, 0.0
-        for i in range(low, k + 1):
-            m0, m1, m2 = m0 + accel[i, 0], m1 + accel[i, 1], m2 + accel[i, 2]
-        off = 0.0
-        for i in range(low, k + 1):
-            d0, d1, d2 = accel[i, 0] - m0 / count, accel[i, 1] - m1 / count, accel[i, 2] - m2 / count
-            off += d0 * d0 + d1 * d1 + d2 * d2
-        value[k] = off / (sigma_accel**2 * count)
-    return value
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _magnitude(accel: Any, rows: int, sigma_accel: float, gravity: float) -> Any:
-    value = np.empty(len(accel))
-    for k in range(len(accel)):
-        low = max(k - rows + 1, 0)
-        off = 0.0
-        for i in range(low, k + 1):
-            size = math.sqrt(accel[i, 0] * accel[i, 0] + accel[i, 1] * accel[i, 1] + accel[i, 2] * accel[i, 2])
-            off += (size - gravity) * (size - gravity)
-        value[k] = off / (sigma_accel**2 * (k + 1 - low))
-    return value
+        mean[k] = values[low : k + 1].sum() / (k + 1 - low)
+    return mean
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -279,7 +279,8 @@ def guard(
     """
     for name, table in rows.items():
         _check_rows(name, table, whose)
-    found = [one for check in (clock, gravity, gyroscope, sign) for one in check(_from_zero(rows))]
+    from_zero = _from_zero(rows)
+    found = [one for check in (clock, gravity, gyroscope, sign) for one in check(from_zero)]
     for name in ("accel", "gyro"):
         table = rows.get(name, np.zeros((0, 4)))
         if len(table) >= MIN_ROWS:
@@ -346,8 +347,8 @@ def _from_zero(rows: Rows) -> dict[str, FloatArray]:
 def _check_rows(name: str, table: FloatArray, whose: str, after_s: float = -math.inf) -> None:
     if table.ndim != 2 or table.shape[1] != 4:
         raise RecordingError(f"{whose}: {name} has the shape {table.shape}, expected (n, 4): t_s, x, y, z in each row")
-    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if len(bad):
+    if not np.isfinite(table).all():
+        bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
         raise RecordingError(
             f"{whose}: {name}, row {bad[0] + 1} holds {table[bad[0]].tolist()}, and {len(bad)} of {len(table)} rows "
             "are not finite; leave them out"
