@@ -31,7 +31,8 @@ TOLERANCE_ULP: Final = 8.0  # portals end this many float32 roundings before a c
 MIN_PART_M2: Final = 1e-9  # of a region in a cell: less is rounding
 _POLYGON: Final = 3  # shapely's type id
 _BOX_ASPECTS: Final = np.exp2(np.linspace(-2.5, 2.5, 11))
-_BOX_GRID: Final = np.linspace(0.1, 0.9, 7)
+_BOX_CENTRES: Final = np.stack(np.meshgrid(*2 * [np.linspace(0.1, 0.9, 7)]), axis=-1).reshape(-1, 2)
+_BOUNDS: Final = np.minimum, np.maximum
 
 
 class World(NamedTuple):
@@ -89,8 +90,8 @@ class ConvexMap:
         local: Float32Array = (xy_m - self.origin_xy_m).astype(np.float32)
         return local
 
-    def nearest(self, xy_m: FloatArray, level: int) -> tuple[FloatArray, int]:
-        """The floor of a level nearest to a place (2,): (2,) that place or the nearest one inside, and its cell.
+    def nearest(self, xy_m: FloatArray, level: int) -> tuple[FloatArray, IntArray]:
+        """The floor of a level nearest to places (n, 2): (n, 2) these or the nearest ones inside, and their cells (n,).
 
         Raises:
             MapError: There is no floor on that level.
@@ -100,19 +101,27 @@ class ConvexMap:
         on_level = np.flatnonzero(self.level == level)
         if not len(on_level):
             raise MapError(f"no floor on level {level}; the map has {sorted(set(self.level.tolist()))}")
-        outside_m = self.outside_m(on_level, self.local(np.tile(xy_m, (len(on_level), 1))))
-        inside = np.flatnonzero(outside_m <= 0)
-        if len(inside):
-            return np.asarray(xy_m, dtype=np.float64), int(on_level[inside[0]])
-        rings = [self.corner_xy_m[self.first_corner[k] : self.first_corner[k + 1]] for k in on_level]
-        floor = np.array([shapely.Polygon(ring) for ring in rings])
-        place = shapely.Point(*(xy_m - self.origin_xy_m))
-        best = int(np.argmin(shapely.distance(floor, place)))
-        edge = shapely.get_coordinates(shapely.shortest_line(floor[best], place))[0]
-        middle = rings[best].mean(axis=0)
-        away_m = max(float(np.hypot(*(middle - edge))), 1e-9)
-        inward = edge + (middle - edge) * min(0.1 / away_m, 0.5)  # off the wall: no particle can start on it
-        return inward + self.origin_xy_m, int(on_level[best])
+        local_m = self.local(xy_m)
+        low_m, high_m = (one.reduceat(self.corner_xy_m, self.first_corner[:-1])[on_level] for one in _BOUNDS)
+        within = (local_m[:, None] >= low_m - self.tolerance_m) & (local_m[:, None] <= high_m + self.tolerance_m)
+        place, number = np.nonzero(within.all(axis=2))
+        inside = self.outside_m(on_level[number], local_m[place]) <= 0
+        place, first = np.unique(place[inside], return_index=True)
+        nearest_m, cell = np.array(xy_m, dtype=np.float64), np.full(len(xy_m), -1)
+        cell[place] = on_level[number[inside][first]]
+        off = np.flatnonzero(cell < 0)
+        if len(off):
+            floor, places = self._shapes()[on_level], shapely.points(xy_m[off] - self.origin_xy_m)
+            best = np.full(len(off), len(floor))
+            np.minimum.at(best, *shapely.STRtree(floor).query_nearest(places))  # the first of those equally far
+            edge_m = shapely.get_coordinates(shapely.shortest_line(floor[best], places))[::2]
+            cell[off] = on_level[best]
+            sums_m = np.add.reduceat(self.corner_xy_m, self.first_corner[:-1])
+            to_middle_m = (sums_m / np.diff(self.first_corner)[:, None])[cell[off]] - edge_m
+            away_m = np.maximum(np.hypot(*to_middle_m.T), 1e-9)
+            inward_m = edge_m + to_middle_m * np.minimum(0.1 / away_m, 0.5)[:, None]  # no particle can start on a wall
+            nearest_m[off] = inward_m + self.origin_xy_m
+        return nearest_m, cell
 
     def outside_m(self, cell: IntArray, local_xy_m: Float32Array) -> FloatArray:
         """(N,) by how much places (N, 2) lie outside their cells (N,); negative inside."""
@@ -125,6 +134,13 @@ class ConvexMap:
             worst[has] = np.maximum(worst[has], n_x * xy_m[has, 0] + n_y * xy_m[has, 1] - c)
         return worst
 
+    def _shapes(self) -> Any:
+        """(K,) cells as shapely has them."""
+        import shapely
+
+        rings = np.repeat(np.arange(len(self)), np.diff(self.first_corner))
+        return shapely.polygons(np.asarray(shapely.linearrings(self.corner_xy_m, indices=rings)))
+
     def cells_of(self, region: FloorRegion) -> tuple[Float32Array, Int32Array]:
         """Cuts a region along the cells.
 
@@ -134,8 +150,7 @@ class ConvexMap:
         """
         import shapely
 
-        rings = np.repeat(np.arange(len(self)), np.diff(self.first_corner))
-        cells: Any = shapely.polygons(np.asarray(shapely.linearrings(self.corner_xy_m, indices=rings)))
+        cells = self._shapes()
         triangles = np.asarray(shapely.polygons(region.corners_xy_m - self.origin_xy_m))
         low = np.searchsorted(self.polygon, region.polygon, side="left")
         high = np.searchsorted(self.polygon, region.polygon, side="right")
@@ -373,8 +388,7 @@ def _inner_box(face: Sequence[_Side], planes: FloatArray, margin_m: float) -> tu
     """
     corners = np.array([side.start for side in face])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    across = np.stack(np.meshgrid(_BOX_GRID, _BOX_GRID), axis=-1).reshape(-1, 2)
-    centres = np.vstack([(low + high)[None] / 2, corners.mean(axis=0)[None], low + across * (high - low)])
+    centres = np.vstack([(low + high)[None] / 2, corners.mean(axis=0)[None], low + _BOX_CENTRES * (high - low)])
     aspects = np.concatenate([[(high - low)[0] / (high - low)[1]], _BOX_ASPECTS])
     halves = np.column_stack([np.sqrt(aspects), 1 / np.sqrt(aspects)])
     room = planes[:, 2] - margin_m - centres @ planes[:, :2].T  # (C, L)

@@ -17,6 +17,17 @@ MIN_PART_M2: Final = 0.25  # smaller parts of a tidied floor are left out
 
 
 @functools.lru_cache(maxsize=32)
+def _whole(building: Building) -> ConvexMap | Exception:
+    """The whole building, compiled, or why it cannot be: to try takes long, and each level asks."""
+    import shapely
+
+    try:
+        return compile_map(building)
+    except (MapError, ValueError, ZeroDivisionError, shapely.errors.GEOSException) as error:
+        return error
+
+
+@functools.lru_cache(maxsize=32)
 def level_map(building: Building, level: int) -> ConvexMap:
     """The whole building, compiled; or one level of it, with walls 2 cm thicker, where it cannot be.
 
@@ -27,17 +38,15 @@ def level_map(building: Building, level: int) -> ConvexMap:
     Raises:
         MapError: It has no such level, or a plan that does not compile has connections on that level.
     """
-    import shapely
-
-    try:
-        return compile_map(building)
-    except (MapError, ValueError, ZeroDivisionError, shapely.errors.GEOSException) as error:
-        own = [polygon for polygon in building.polygons if polygon.level == level]
-        if not own:
-            raise MapError(f"building {building.name!r} has no level {level}") from error
-        if any((polygon.neighbour != WALL).any() for polygon in own):
-            raise MapError(f"level {level} of building {building.name!r} has no convex cells: {error}") from error
-        return compile_map(_tidied(building.name, own))
+    whole = _whole(building)
+    if isinstance(whole, ConvexMap):
+        return whole
+    own = [polygon for polygon in building.polygons if polygon.level == level]
+    if not own:
+        raise MapError(f"building {building.name!r} has no level {level}") from whole
+    if any((polygon.neighbour != WALL).any() for polygon in own):
+        raise MapError(f"level {level} of building {building.name!r} has no convex cells: {whole}") from whole
+    return compile_map(_tidied(building.name, own))
 
 
 def _tidied(name: str, polygons: list[FloorPolygon]) -> Building:

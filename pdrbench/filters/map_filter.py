@@ -171,7 +171,7 @@ class MapFilter:
         """All particles around a place (2,) or the floor nearest to it, each where a straight line leads to."""
         cell = 0
         if self._map is not None:
-            xy_m, cell = self._map.nearest(xy_m, self.level)
+            (xy_m,), (cell,) = self._map.nearest(xy_m[None], self.level)
         self._local_m, self._cell = np.tile(xy_m - self._origin_m, (count, 1)), np.full(count, cell, dtype=np.int32)
         self._scatter(
             np.arange(count), self._local_m.copy(), self._cell.copy(), sigma_m, rng, tries=tries, shrink=shrink

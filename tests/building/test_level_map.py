@@ -28,15 +28,13 @@ def test_a_plan_that_does_not_compile_gets_thicker_walls(touching: Building) -> 
 
 def test_the_nearest_floor(touching: Building) -> None:
     convex = level_map(touching, 2)
-    inside, cell = convex.nearest(np.array([5.0, 5.0]), 2)
+    (inside, moved), cell = convex.nearest(np.array([[5.0, 5.0], [10.0, 2.5]]), 2)  # one in the shop
     assert inside.tolist() == [5.0, 5.0]
-    assert convex.outside_m(np.array([cell]), convex.local(inside[None]))[0] < 0
-    moved, cell = convex.nearest(np.array([10.0, 2.5]), 2)  # in the shop
     assert touching.contains(moved, 2).all()
     assert np.hypot(*(moved - [10.0, 2.5])) < 1.6
-    assert convex.outside_m(np.array([cell]), convex.local(moved[None]))[0] < 0
+    assert convex.outside_m(cell, convex.local(np.array([inside, moved]))).max() < 0
     with pytest.raises(MapError, match="no floor on level 0"):
-        convex.nearest(np.array([0.0, 0.0]), 0)
+        convex.nearest(np.zeros((1, 2)), 0)
 
 
 def test_a_plan_that_compiles_is_taken_as_it_is(house: Building) -> None:

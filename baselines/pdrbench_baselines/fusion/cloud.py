@@ -50,7 +50,7 @@ class Cloud(LearnedMapFilter):
     @property
     def levels(self) -> frozenset[int]:
         """That particles may be on."""
-        return frozenset(self._building_map.level.tolist() if self._map is None else self._map.level.tolist())
+        return frozenset(() if self._map is None else self._map.level.tolist())
 
     @property
     def median_m(self) -> FloatArray:
@@ -147,11 +147,10 @@ class Cloud(LearnedMapFilter):
         assert self._map is not None
         pick, jitter = self._rng_scans.spawn(2)
         which = pick.choice(self.num_particles, size=len(states.scale), replace=False)
-        floor = [self._map.nearest(xy_m, self.level) for xy_m in states.xy_m]
-        near_m, cell = np.array([xy_m for xy_m, _ in floor]) - self._origin_m, np.array([cell for _, cell in floor])
+        near_m, cell = self._on_floor(states.xy_m, np.full(len(which), self.level))
         self.scale[which], self.bias_rad[which] = states.scale, states.bias_rad
         self._offset[which] = states.offset
-        self._place(which, near_m, cell.astype(np.int32), self._params.near_m, jitter)
+        self._place(which, near_m, cell, self._params.near_m, jitter)
         self._may_be_turned = True
         self._locate(on_level=True)
 
@@ -181,16 +180,6 @@ class Cloud(LearnedMapFilter):
         drawn = np.searchsorted(total, total[-1] * rng.random(len(which)), side="right")
         place, self._offset[which] = np.divmod(np.minimum(drawn, len(total) - 1), weight.shape[1])
         places, number = np.unique(place, return_inverse=True)
-        xy_m, floor_cell = zip(*(self._floor_of(one) for one in places.tolist()), strict=True)
-        near_m, cell = (np.array(xy_m) - self._origin_m)[number], np.array(floor_cell, dtype=np.int32)[number]
+        near_m, cell = self._on_floor(self._radio.xy_m[places], self._radio.level[places])
         spread_m = WITHIN * self._radio.lattice_m
-        self._scatter(which, near_m, cell, spread_m, rng, tries=TRIES, shrink=SHRINK)
-
-    def _floor_of(self, place: int) -> tuple[FloatArray, int]:
-        """Nearest floor to a place of the lattice on the map that is walked on now; remembered with the survey."""
-        radio = self._radio
-        assert radio is not None and self._map is not None
-        key = self.level if self._is_one_level else None, place
-        if key not in radio.floor:
-            radio.floor[key] = self._map.nearest(radio.xy_m[place], int(radio.level[place]))
-        return radio.floor[key]
+        self._scatter(which, near_m[number], cell[number], spread_m, rng, tries=TRIES, shrink=SHRINK)

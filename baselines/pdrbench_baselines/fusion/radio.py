@@ -49,7 +49,6 @@ class RadioEvidence:
         prior: (K,) of these offsets.
         lattice_m: Side of a square.
         fingerprints: What they say of a scan beside fields; None for nothing.
-        floor: Nearest floor to places of the lattice, by the level of a map of one level and the place; clouds fill it.
     """
 
     def __init__(self, radio_map: RadioMap, building: Building | None, params: GpWifiParams, error_m: float) -> None:
@@ -68,7 +67,6 @@ class RadioEvidence:
             self._square[level] = np.where(away <= BESIDE, square[tuple(nearest)], -1), corner_m
         self.walked = self._walked(radio_map) if building is None else np.zeros(len(self.level))
         self.fingerprints: FingerprintEvidence | None = None
-        self.floor: dict[tuple[int | None, int], tuple[FloatArray, int]] = {}
         self.begin(1.0)
 
     def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:

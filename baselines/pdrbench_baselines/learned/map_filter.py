@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.filters import MapFilter, level_map, systematic
@@ -70,13 +71,12 @@ class LearnedMapFilter(MapFilter):
         super().__init__()
         p = self._params = params
         self._rng_start, self._rng_motion, self._rng_renewal, self._rng_scans = rng.spawn(4)
-        self._building_map = level_map(building, level)
-        self._enter(self._building_map, self._building_map.origin_xy_m, level)
+        convex = level_map(building, level)
+        self._enter(convex, convex.origin_xy_m, level)
         self.scale = np.exp(p.scale_sigma * self._rng_start.standard_normal(p.num_particles))
         self.bias_rad = p.bias_sigma_rad * self._rng_start.standard_normal(p.num_particles)
         self._local_m = np.zeros((p.num_particles, 2))
         self._cell = np.zeros(p.num_particles, dtype=np.int32)
-        self._floor: dict[tuple[float, float, int], tuple[FloatArray, int]] = {}
 
     @property
     def mean_scale(self) -> float:
@@ -165,24 +165,23 @@ class LearnedMapFilter(MapFilter):
 
     def _put_among(self, which: IntArray, places: ScanPlaces, rng: np.random.Generator) -> None:
         """Puts particles among surveyed places, by weight; those off this map are left out."""
-        on_map = np.isin(places.level, self._building_map.level)
+        assert self._map is not None
+        on_map = np.isin(places.level, self._map.level)
         if not on_map.any() or not len(which):
             return
         weight = places.weight * on_map
         drawn = rng.choice(len(weight), size=len(which), p=weight / weight.sum())
-        near_m, cell = np.empty((len(which), 2)), np.empty(len(which), dtype=np.int32)
-        for place in np.unique(drawn).tolist():
-            here = drawn == place
-            xy_m, cell[here] = self._on_floor(places.xy_m[place], int(places.level[place]))
-            near_m[here] = xy_m - self._origin_m
-        self._scatter(which, near_m, cell, places.spread_m, rng, tries=TRIES, shrink=SHRINK)
+        drawn, number = np.unique(drawn, return_inverse=True)
+        near_m, cell = self._on_floor(places.xy_m[drawn], places.level[drawn])
+        self._scatter(which, near_m[number], cell[number], places.spread_m, rng, tries=TRIES, shrink=SHRINK)
 
-    def _on_floor(self, xy_m: FloatArray, level: int) -> tuple[FloatArray, int]:
-        """Nearest floor, remembered: scans name the same surveyed places again and again."""
-        key = (float(xy_m[0]), float(xy_m[1]), level)
-        if key not in self._floor:
-            self._floor[key] = self._building_map.nearest(xy_m, level)
-        return self._floor[key]
+    def _on_floor(self, xy_m: FloatArray, level: IntArray) -> tuple[FloatArray, NDArray[np.int32]]:
+        """(n, 2) local, and (n,) cells: the nearest floor to places (n, 2) on levels (n,) of the map."""
+        assert self._map is not None
+        near_m, cell = np.empty((len(xy_m), 2)), np.empty(len(xy_m), dtype=np.int32)
+        for one in np.unique(level).tolist():
+            near_m[level == one], cell[level == one] = self._map.nearest(xy_m[level == one], one)
+        return near_m - self._origin_m, cell
 
     def _begin_around(self, xy_m: FloatArray, sigma_m: float) -> None:
         self._spread(self._params.num_particles, xy_m, sigma_m, self._rng_start, tries=TRIES, shrink=SHRINK)

@@ -182,9 +182,8 @@ class MagneticEvidence:
         key = level, convex.corner_xy_m.tobytes()
         if key not in self._starts:
             squares = np.unique(np.floor(self.field.level(level).samples_m / START_M), axis=0)
-            found = [convex.nearest(place_m, level) for place_m in (squares + 0.5) * START_M]
-            cells = np.array([cell for _, cell in found], dtype=np.int32)
-            self._starts[key] = np.array([place_m for place_m, _ in found]), cells
+            places_m, cells = convex.nearest((squares + 0.5) * START_M, level)
+            self._starts[key] = places_m, cells.astype(np.int32)
         return self._starts[key]
 
     def after(self, gone_m: float, end_s: float) -> FieldSample | None:
