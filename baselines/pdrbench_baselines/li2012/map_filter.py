@@ -24,6 +24,7 @@ from pdrbench_baselines.li2012.corridor import tile_map
 
 MAX_TRIES: Final = 20  # to place a particle around the start without a wall between
 STEP_HZ: Final = 1.9  # of usual walking, where the length of a step is positive
+MIN_STEP_M: Final = 0.05  # there, of a particle
 NEVER: Final = -(10**6)  # a step before all
 DOUBTFUL_STEPS: Final = 20  # a turn is detected some ten steps after it began
 
@@ -139,7 +140,8 @@ class StepModelFilter(MapFilter):
             self._tiles = tiles.is_middle, tiles.origin_xy_m - self._origin_m, tiles.tile_m
         around = self._rng_start
         self.a = model.a_m_per_hz + p.delta_a * around.uniform(-1, 1, count)
-        self.b = model.b_m + p.delta_b * around.uniform(-1, 1, count)
+        drawn_m = model.b_m + p.delta_b * around.uniform(-1, 1, count)
+        self.b = np.maximum(drawn_m, MIN_STEP_M - self.a * STEP_HZ)
         self._bias_rad = p.bias_sigma_rad * self._rng_bias.standard_normal(count)
         self.correction_rad = 0.0
         self._stopped_at = np.full(count, NEVER)

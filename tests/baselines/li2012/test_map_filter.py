@@ -70,6 +70,12 @@ def test_models_lie_around_the_generic_one() -> None:
     assert particles.model.length_m(1.9) == pytest.approx(GENERIC.length_m(1.9), abs=0.02)
 
 
+def test_no_particle_walks_backwards() -> None:
+    """Walls stop all others: whoever hardly walks would be the mean of those who are left."""
+    particles = started(None, StepModelFilterParams(delta_a=0.5, delta_b=1.0))
+    assert (particles.a * 1.9 + particles.b).min() == pytest.approx(0.05)
+
+
 def test_same_generator_same_bytes_whatever_the_threads(loop: Building) -> None:
     clouds, available = [], numba.get_num_threads()
     for threads in (1, available):
