@@ -19,13 +19,13 @@ from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
-from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import open_space
 from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence
 from pdrbench_baselines.gp_wifi.field import SignalMap
+from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.wlan import ScanPlaces

@@ -20,12 +20,12 @@ from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
-from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.fusion.free import FreeCloud
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import open_space
 from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
 from pdrbench_baselines.learned.localizer import debug_of, motion_of, stored

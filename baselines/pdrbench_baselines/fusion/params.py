@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from pdrbench_baselines.fusion.compass import CompassParams
-from pdrbench_baselines.fusion.fingerprints import FingerprintParams
 from pdrbench_baselines.fusion.free import FreeParams
+from pdrbench_baselines.gp_wifi.fingerprints import FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 

@@ -16,8 +16,8 @@ from scipy.spatial import KDTree
 from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.recording import RadioMap
-from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.gp_wifi.field import SignalMap
+from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 

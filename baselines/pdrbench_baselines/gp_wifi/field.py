@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import spotrf, strtrs
 from scipy.special import ndtr
 
 from pdrbench.building import Building, FloorRegion
@@ -45,13 +45,12 @@ class SignalFieldParams:
         mean_sigma_db: What path loss leaves, where it is fitted.
         evidence: By so much evidence for the place of an access point is divided: neighbouring cells err alike.
         draws: Places of an access point that are averaged.
-        shadow_db, shadow_m: Spread and length of the Gaussian process; 0 dB for path loss alone.
+        shadow_db, shadow_m: Spread and length of the Gaussian process.
         nugget_db: Of it, what differs within a cell.
         noise_db: Of a reading.
         reported: q.
         half_dbm: c.
         half_sigma_db: s.
-        is_censored: Whether misses count.
         min_cells: Where an access point was received in fewer cells of a level it has no field there.
         weakest_dbm: Weaker means are left out.
     """
@@ -75,7 +74,6 @@ class SignalFieldParams:
     reported: float = 0.95
     half_dbm: float = -70.0
     half_sigma_db: float = 11.0
-    is_censored: bool = True
     min_cells: int = 2
     weakest_dbm: float = -91.0
 
@@ -219,22 +217,17 @@ class _Level:
         near = np.flatnonzero(mean_dbm > p.weakest_dbm - 4.0)
         mean_dbm = mean_dbm[near]
         spread_db2 = times @ (each[:, near] - mean_dbm) ** 2 / p.draws
-        variance_db2 = spread_db2 + (p.shadow_db**2 or p.mean_sigma_db**2)
-        if p.shadow_db:
-            received = self._received[:, own]
-            cells = np.flatnonzero((received > 0) | self._is_miss[:, own])
-            left_db = np.where(received > 0, self._dbm[:, own], self._site_dbm[:, own]) - self._mean_dbm[:, own]
-            noise = (
-                np.where(received > 0, p.noise_db**2 / np.maximum(received, 1), self._site_db2[:, own]) + p.nugget_db**2
-            )
-            covariance = self._prior[np.ix_(cells, cells)]
-            covariance[np.diag_indices(len(cells))] += noise[cells].astype(np.float32)
-            factor = cho_factor(covariance, lower=True, overwrite_a=True, check_finite=False)
-            cross = self._cross[np.ix_(near, cells)]
-            weights = cho_solve(factor, left_db[cells].astype(np.float32), check_finite=False)
-            mean_dbm = mean_dbm + cross @ weights
-            known = solve_triangular(factor[0], cross.T, lower=True, check_finite=False)
-            variance_db2 = variance_db2 - np.einsum("cn,cn->n", known, known)
+        received = self._received[:, own]
+        cells = np.flatnonzero((received > 0) | self._is_miss[:, own])
+        left_db = np.where(received > 0, self._dbm[:, own], self._site_dbm[:, own]) - self._mean_dbm[:, own]
+        noise = np.where(received > 0, p.noise_db**2 / np.maximum(received, 1), self._site_db2[:, own]) + p.nugget_db**2
+        covariance = self._prior[np.ix_(cells, cells)]
+        covariance.flat[:: len(cells) + 1] += noise[cells].astype(np.float32)
+        factor, _ = spotrf(covariance.T, lower=True, clean=False, overwrite_a=True)
+        known, _ = strtrs(factor, self._cross[np.ix_(near, cells)].T, lower=True, overwrite_b=True)
+        left, _ = strtrs(factor, left_db[cells].astype(np.float32), lower=True)
+        mean_dbm = mean_dbm + left.ravel() @ known
+        variance_db2 = spread_db2 + p.shadow_db**2 - np.einsum("cn,cn->n", known, known)
         kept = mean_dbm > p.weakest_dbm
         return near[kept], mean_dbm[kept], variance_db2[kept]
 
@@ -247,7 +240,7 @@ class _Level:
         self._is_miss, self._site_dbm, self._site_db2 = (
             np.zeros(is_received.shape, kind) for kind in (bool, float, float)
         )
-        for is_again in (False, True) if p.is_censored else (False,):
+        for is_again in (False, True):
             weight, value = is_received.astype(np.float64), self._dbm
             if is_again:
                 self._see_misses(p.mean_sigma_db)
@@ -275,8 +268,7 @@ class _Level:
             self._place = np.minimum(self._place, len(loss) - 1)
             drawn = [self._level_dbm[k, column] + self._exponent[k, column] * loss[k].T for k in self._place]
             self._mean_dbm = np.mean(drawn, axis=0)
-        if p.is_censored:
-            self._see_misses(p.shadow_db or p.mean_sigma_db)
+        self._see_misses(p.shadow_db)
 
     def _see_misses(self, sigma_db: float) -> None:
         """Normal sites of cells (C, A) where an access point was not reported: value, variance, and which say enough.

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
-from scipy.special import ndtr
 
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import middle_of_survey
 from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.field import SignalFieldParams, SignalMap
-from pdrbench_baselines.gp_wifi.kernels import add_reading
+from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.gp_wifi.kernels import add_readings
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
 STRONG_DBM = -60.0  # a reading counts in full there
@@ -28,6 +29,7 @@ class GpWifiParams:
     """Ours; chosen on train walks of MallPhoneLost-v2 whose sessions were left out of the survey.
 
     Attributes:
+        fingerprints: Of a survey whose places were interpolated.
         field: Of the radio map.
         trust: Power of the likelihood of a reading of `STRONG_DBM`: access points of a phone err alike.
         power: Of the strength above `SILENT_DBM`, by which that falls for weaker readings.
@@ -37,10 +39,13 @@ class GpWifiParams:
         speed_mps: A place spreads by so much per second, per axis.
         lost_fraction: Of the belief that is spread over all levels at every scan.
         start_sigma_m: Around a known start, at least.
+        fingerprint_trust: Power of the density of a scan by its nearest fingerprints.
+        min_level: Fields of a level on which less belief is left are not asked.
         answer_m: Belief farther than about that from where most of it lies does not move the answer; infinite for the
             mean of all of it. Chosen on val walks of five sets, each left out in turn.
     """
 
+    fingerprints: FingerprintParams = field(default_factory=FingerprintParams)
     field: SignalFieldParams = field(default_factory=SignalFieldParams)
     trust: float = 0.1
     power: float = 2.0
@@ -50,6 +55,8 @@ class GpWifiParams:
     speed_mps: float = 1.0
     lost_fraction: float = 0.003
     start_sigma_m: float = 2.0
+    fingerprint_trust: float = 1.0
+    min_level: float = 1e-3
     answer_m: float = 30.0
 
     def offsets_db(self) -> tuple[FloatArray, FloatArray]:
@@ -60,30 +67,40 @@ class GpWifiParams:
         return offset_db, prior / prior.sum()
 
     def log_likelihood(
-        self, places: SignalMap, numbers: range, access_points: IntArray, rssi_dbm: list[float], offset_db: FloatArray
+        self,
+        places: SignalMap,
+        numbers: Sequence[int],
+        access_points: IntArray,
+        rssi_dbm: list[float],
+        offset_db: FloatArray,
     ) -> FloatArray:
         """(n, K) of readings at the places of some levels, by their numbers, with offsets (K,), up to a constant.
 
         A reading counts by the logarithm of how much likelier it is where it is expected than where it is not.
         """
-        readings = [(dbm, self.trust_of(dbm), *self.reported_of(dbm)) for dbm in rssi_dbm]
+        readings = np.array([(dbm, self.odds_of(dbm), self.trust_of(dbm)) for dbm in rssi_dbm]).reshape(-1, 3)
         found = [np.zeros((size, len(offset_db))) for size in np.diff(places.first)[numbers]]
         for number, part in zip(numbers, found, strict=True):
             fields = places.prepare(access_points, number)
-            for one, (dbm, trust, reported, unexpected) in zip(fields, readings, strict=True):
-                if one is not None:
-                    odds, noise_db2 = reported / unexpected, self.field.noise_db**2
-                    add_reading(part, one.at, one.mean_dbm, one.variance_db2, dbm, offset_db, noise_db2, odds, trust)
+            is_known = np.array([one is not None and len(one.at) > 0 for one in fields], dtype=np.bool_)
+            if own := [one for one, known in zip(fields, is_known, strict=True) if known and one is not None]:
+                at, mean_dbm, variance_db2 = (
+                    np.concatenate([getattr(one, name) for one in own]) for name in ("at", "mean_dbm", "variance_db2")
+                )
+                first = np.cumsum([0, *(len(one.at) for one in own)])
+                noise_db2 = self.field.noise_db**2
+                add_readings(part, at, first, mean_dbm, variance_db2, readings[is_known], offset_db, noise_db2)
         return np.concatenate(found)
 
     def trust_of(self, dbm: float) -> float:
         """Power of the likelihood of a reading."""
         return float(self.trust * (max(dbm - SILENT_DBM, 0.0) / (STRONG_DBM - SILENT_DBM)) ** self.power)
 
-    def reported_of(self, dbm: float) -> tuple[float, float]:
-        """Probability that a reading is reported, and density per dB at which it comes where none is expected."""
+    def odds_of(self, dbm: float) -> float:
+        """Probability that a reading is reported over the density per dB at which it comes where none is expected."""
         unexpected = self.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / self.unexpected_db)
-        return self.field.reported * float(ndtr((dbm - self.field.half_dbm) / self.field.half_sigma_db)), unexpected
+        z = (dbm - self.field.half_dbm) / self.field.half_sigma_db
+        return self.field.reported * 0.5 * math.erfc(-z / math.sqrt(2.0)) / unexpected
 
 
 GP_WIFI: Final = GpWifiParams()
@@ -110,18 +127,24 @@ class GpWifi:
         survey = briefing.radio_map
         assert survey is not None
         if self._of is None or self._of[0] is not survey or self._of[1] is not briefing.building:
-            self._map = SignalMap(survey, briefing.building, self._params.field)
+            places = self._map = SignalMap(survey, briefing.building, self._params.field)
+            wifi, own = briefing.sensors["wifi"], self._params.fingerprints
+            self._fingerprints = FingerprintEvidence(survey, wifi, own, places.xy_m, places.level)
             self._of = survey, briefing.building
         self._sweeps = Sweeps()
+        self._fingerprints.begin()
         self._offset_db, self._prior = self._params.offsets_db()
         start = briefing.start or middle_of_survey(survey.xy_m, survey.level)
         self._belief = self._anywhere() if briefing.start is None else self._around(briefing.start)
         self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
 
     def step(self, observation: Observation) -> Estimate:
-        for _, rows, since_s in self._sweeps.update(observation["wifi"]):
+        rows = observation["wifi"]
+        for t_s, fresh, since_s in self._sweeps.update(rows):
             self._spread(since_s)
-            self._weigh(rows[:, 1].astype(np.int64), rows[:, 2].tolist())
+            for density in self._fingerprints.update(rows[rows[:, 0] == t_s]):
+                self._multiply(self._params.fingerprint_trust * density[:, None])
+            self._weigh(fresh[:, 1].astype(np.int64), fresh[:, 2].tolist())
             self._locate()
         return self._estimate
 
@@ -165,9 +188,17 @@ class GpWifi:
         self._belief = (1.0 - p.lost_fraction) * spread + p.lost_fraction * self._anywhere()
 
     def _weigh(self, access_points: IntArray, rssi_dbm: list[float]) -> None:
-        """Multiplies the belief by the likelihood of readings."""
-        levels = range(len(self._map.levels))
-        log_likelihood = self._params.log_likelihood(self._map, levels, access_points, rssi_dbm, self._offset_db)
+        """Multiplies the belief by the likelihood of readings, the least one on levels where little is left."""
+        places, p = self._map, self._params
+        of_level = np.add.reduceat(self._belief.sum(axis=1), places.first[:-1])
+        numbers = np.flatnonzero(of_level > p.min_level).tolist()
+        found = p.log_likelihood(places, numbers, access_points, rssi_dbm, self._offset_db)
+        is_asked = np.repeat(of_level > p.min_level, np.diff(places.first))
+        log_likelihood = np.full(self._belief.shape, found.min())
+        log_likelihood[is_asked] = found
+        self._multiply(log_likelihood)
+
+    def _multiply(self, log_likelihood: FloatArray) -> None:
         belief = self._belief * np.exp(log_likelihood - log_likelihood.max())
         self._belief = belief / belief.sum() if belief.sum() > 0 else self._anywhere()
 
