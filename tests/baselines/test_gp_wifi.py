@@ -127,7 +127,7 @@ def test_where_scans_missed_an_access_point_it_is_weaker() -> None:
 
 def test_a_walk_far_from_the_survey_is_found(rng: np.random.Generator) -> None:
     """Surveyed along y = 3 and y = 27; the walk goes along y = 15, twelve metres from the nearest scan."""
-    localizer = GpWifi(GpWifiParams(trust=1.0, fingerprint_trust=0.0))  # by fields; five access points err independently
+    localizer = GpWifi(GpWifiParams(trust=1.0, fingerprint_trust=0.0))  # five that err independently
     localizer.reset(brief(survey(rng, lines_of(3.0, 27.0))), rng)
     errors = []
     for k, x_m in enumerate(np.arange(4.0, 36.0, 2.0)):
