@@ -5,23 +5,28 @@ from __future__ import annotations
 import contextlib
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError, RecordingError, not_loaded
 from pdrbench.io import READERS
-from pdrbench.io.reader import Head, head_of
+from pdrbench.io.container import Container, open_container
+from pdrbench.io.log import Log
+from pdrbench.io.reader import HEAD_BYTES, Head, head_of
 from pdrbench_formats.maps.assembly.shapes import geos_error
 
 if TYPE_CHECKING:
     from pdrbench_formats.maps.plan import Plan
 
+_MAX_SEARCHED: Final = 20  # files of a folder for the one recording among them: more are many recordings
+
 
 def detect(path: Path | str) -> str:
     """The format of a file or folder: a key of `READERS`, the first that recognises it.
 
-    An archive that no format recognises and that holds one file is in the format of that file.
+    A folder or archive that no format recognises, with one file or one recording in it, is in the format of that.
 
     Raises:
         RecordingError: It is missing or damaged, or in no format that is known; says which are.
@@ -52,9 +57,16 @@ def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
         for option in options.keys() - set(reader.options):
             raise RecordingError(f"{path}: the format {kind} has no option {option!r}; leave it out")
         try:
-            return reader.read(place, **options)
+            found = reader.read(place, **options)
         except geos_error() as error:
             raise MapError(f"{path}: its outlines cannot be laid over one another ({error}); redraw them") from error
+        return found if place == path or not isinstance(found, Log) else _with_skipped(found, place, Path(path))
+
+
+def _with_skipped(log: Log, place: Path, path: Path) -> Log:
+    """A log of one file of a folder or archive, which counts the others among what was skipped."""
+    others = {name: 1 for name in open_container(path).sizes if PurePosixPath(name).name != place.name}
+    return replace(log, report=replace(log.report, skipped={**log.report.skipped, **others}))
 
 
 def _recognise(path: Path, head: Head) -> str:
@@ -80,12 +92,12 @@ def _recognise(path: Path, head: Head) -> str:
 
 @contextlib.contextmanager
 def unpacked(path: Path) -> Iterator[Path]:
-    """The path; of an archive with one file in it, that file while this lasts."""
-    container = head_of(path).container if path.is_file() else None
-    if container is None or not container.is_zip or len(container.sizes) != 1:
-        yield path
+    """The path; of an archive or folder with one file or one recording in it, that file while this lasts."""
+    container = head_of(path).container if path.exists() else None
+    name = "" if container is None else _only_member(path, container)
+    if container is None or not name or not container.is_zip:
+        yield path / container.prefix / name if container is not None and name else path
         return
-    (name,) = container.sizes
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / PurePosixPath(name.replace(":", "-")).name  # Windows has drives and streams there
         place.write_bytes(container.read(name))
@@ -93,6 +105,20 @@ def unpacked(path: Path) -> Iterator[Path]:
             yield place
         except (RecordingError, MapError) as error:
             raise type(error)(str(error).replace(str(place), str(path / name))) from error
+
+
+def _only_member(path: Path, container: Container) -> str:
+    """The only file of an archive; or the only recording in it or a folder, where no format is that of the whole."""
+    if len(container.sizes) == 1:
+        return next(iter(container.sizes)) if container.is_zip else ""
+    readers = [READERS[name] for name in READERS if name not in READERS.broken()]
+    heads = {name: Head(path / name, container.read(name, HEAD_BYTES)) for name in container.names()[:_MAX_SEARCHED]}
+    with contextlib.suppress(RecordingError):
+        if len(container.sizes) <= _MAX_SEARCHED and not any(reader.sniff(head_of(path)) for reader in readers):
+            logs = [reader for reader in readers if "strict" in reader.options and not reader.fallback]
+            found = [name for name, head in heads.items() if any(reader.sniff(head) for reader in logs)]
+            return found[0] if len(found) == 1 else ""
+    return ""
 
 
 def read_plan(path: Path | str, kind: str | None = None, doors: str = "none") -> Plan:

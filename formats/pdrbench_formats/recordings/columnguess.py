@@ -74,7 +74,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         for axis, stem in _axes_of(base):
             kind, rank = (sensor or sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
             if not kind and not any(word in stem for word in _OTHER):
-                kind, rank = sensor_by(unit), 2  # a word of another language
+                kind, rank = sensor_by(unit) or sensor_in(name), 2  # a word of another language, or before another
             if kind and axis not in groups.setdefault((rank, kind, stem), {}):
                 groups[rank, kind, stem][axis] = name
     whole = {
@@ -119,7 +119,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     if time is not None:
         found["time"] = time
         stated = unit_of("time_unit", named[time][1]) or unit_of("time_unit", unit_in(named[time][0]))
-        found["time_unit"] = stated or time_unit_of(table, time)
+        found["time_unit"] = stated if stated and _is_numeric(table, time) else time_unit_of(table, time)
         assumed += [] if stated else ["time_unit"]
     for kind in ("accel", "gyro", "mag", "baro"):
         if kind in found:
@@ -154,13 +154,14 @@ def doubted_unit(table: DelimitedTable, columns: ColumnMap) -> str:
     """The unit that the step of a time fits, where it does not fit the one that is stated; "" where it does."""
     if columns.time_unit == "datetime" or not columns.time:
         return ""
-    step = _usual_step(table, columns.time)
+    step = usual_step(table, columns.time)
     is_likely = _RARE_S[0] <= step * SECONDS_IN[columns.time_unit] < _RARE_S[1]
     fitting = [unit for unit, s in SECONDS_IN.items() if _SAMPLED_S[0] <= step * s <= _SAMPLED_S[1]]
     return fitting[0] if fitting and not is_likely else ""
 
 
-def _usual_step(table: DelimitedTable, name: str) -> float:
+def usual_step(table: DelimitedTable, name: str) -> float:
+    """The median step of a column of times, 0 where none is positive."""
     t = table.numbers(name)
     steps = np.diff(t[np.isfinite(t)])
     steps = steps[steps > 0]
@@ -332,7 +333,18 @@ def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: boo
     if shared:
         exact_enough = 0.9 * max(different.values(), default=0)
         found = [name for name in found if different[name] >= exact_enough and _is_epoch(table, name)] or found
-    return max(found, key=lambda name: different[name], default=None)
+    return max(found, key=lambda name: (different[name], _is_numeric(table, name)), default=None)
+
+
+def _is_numeric(table: DelimitedTable, name: str) -> bool:
+    """Whether a column holds numbers, and no dates."""
+    if table.columns[name].dtype.kind in "iuf":
+        return True
+    try:
+        _beginning(table, [name]).numbers(name)
+    except RecordingError:
+        return False
+    return True
 
 
 def _time_by_growth(table: DelimitedTable, names: Collection[str]) -> str | None:
@@ -362,12 +374,9 @@ def _is_epoch(table: DelimitedTable, name: str) -> bool:
 
 def time_unit_of(table: DelimitedTable, name: str) -> str:
     """The unit of a time in which its rows come at the rate of a sensor, or it counts from 1970; or "datetime"."""
-    if table.columns[name].dtype.kind not in "iuf":
-        try:
-            table.numbers(name)
-        except RecordingError:
-            return "datetime"
-    step, t = _usual_step(table, name), table.numbers(name)
+    if not _is_numeric(table, name):
+        return "datetime"
+    step, t = usual_step(table, name), table.numbers(name)
     fitting = [unit for unit, s in SECONDS_IN.items() if _STEPS_S[0] <= step * s <= _STEPS_S[1]]
     if step == 1.0 and not (np.diff(t) != 1.0).any():
         return "s"  # numbers of samples, which a finding says
@@ -380,6 +389,8 @@ def time_unit_of(table: DelimitedTable, name: str) -> str:
 def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], assumed: list[str]) -> str:
     assumed.append(f"{sensor}_unit")
     names = [found[sensor]] if sensor == "baro" else list(found[sensor])
+    if sensor == "accel" and "gravity" in found:
+        names = list(found["gravity"])
     values = finite(table.table(names))
     if not len(values):
         return next(iter(UNITS[f"{sensor}_unit"]))

@@ -44,8 +44,11 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 TIME_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _DAY_NS: Final = 86_400 * 10**9
-_TIME_OF_DAY: Final = r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?"
-_CLOCK_COLON: Final = r"(\d:\d{2}:\d{2})[:,](\d+)"  # 13:45:12:123
+_TIME_OF_DAY: Final = r"\d{1,2}:\d{1,3}:\d{1,2}(?:[.,]\d+)?"
+_MINUTES: Final = r"(\d{1,3}:\d{2}(?:[.,]\d+)?)"  # and seconds, as of a stop watch
+_CLOCK_COLON: Final = r"(\d:\d{1,2}:\d{1,2})[:,](\d+)"  # 13:45:12:123
+_FEW_MS: Final = r"(:\d{1,2}):(\d{1,2})$"  # 8:18:9:94 among 8:18:9:104 are milliseconds
+_DAY_FIRST: Final = r"\d{1,2}\.\d{1,2}\.\d{4}"
 SECONDS_IN: Final = {unit: ns * 1e-9 for unit, ns in TIME_NS.items()}
 
 
@@ -227,15 +230,20 @@ def clock(table: DelimitedTable, name: str, unit: str) -> tuple[FloatArray, floa
 
 
 def unix_s(first_s: float) -> float | None:
-    """A time where it counts from 1970: one from 1989 to 2160."""
-    return first_s if 6e8 < first_s < 6e9 else None
+    """A time where it counts from 1970: one from 2005 to 2160; Apple's count from 2001 is before."""
+    return first_s if 1.1e9 < first_s < 6e9 else None
 
 
 def _stamps_ns(table: DelimitedTable, name: str) -> tuple[IntArray, BoolArray]:
     """(N,) nanoseconds of dates, or of times of day, which go on after midnight; and (N,) where there is one."""
     import pandas as pd
 
-    texts = pd.Series(table.texts(name), dtype=object).str.replace(_CLOCK_COLON, r"\1.\2", regex=True)
+    texts = pd.Series(table.texts(name), dtype=object)
+    if texts.str.fullmatch(r".*\d:\d+:\d+:\d{3}").any():
+        texts = texts.str.replace(_FEW_MS, lambda match: f"{match[1]}:{match[2]:0>3}", regex=True)
+    texts = texts.str.replace(_CLOCK_COLON, r"\1.\2", regex=True)
+    if texts.str.fullmatch(_MINUTES).sum() > len(texts) / 2:
+        texts = texts.str.replace(f"^{_MINUTES}$", r"0:\1", regex=True)
     of_day = texts.str.fullmatch(_TIME_OF_DAY)
     if of_day.sum() > len(texts) / 2:
         times = pd.to_timedelta(texts.str.replace(",", "."), errors="coerce")
@@ -243,7 +251,9 @@ def _stamps_ns(table: DelimitedTable, name: str) -> tuple[IntArray, BoolArray]:
         ns[~of_day] = np.interp(np.flatnonzero(~of_day), np.flatnonzero(of_day), ns[of_day])
         return ns + _DAY_NS * np.cumsum(np.diff(ns, prepend=ns[:1]) < -_DAY_NS // 2), of_day.to_numpy(bool)
     try:
-        stamps = pd.to_datetime(texts, utc=True, format="mixed", errors="coerce").dt.tz_localize(None)
+        day_first = bool(texts.str.match(_DAY_FIRST).any())
+        stamps = pd.to_datetime(texts, utc=True, format="mixed", errors="coerce", dayfirst=day_first)
+        stamps = stamps.dt.tz_localize(None)
     except (ValueError, TypeError, OverflowError) as error:  # pandas raises all of them for texts of other kinds
         raise RecordingError(f"{table.path}: {name}: not a date: {error}; write ISO dates or seconds") from error
     is_date = stamps.notna().to_numpy()

@@ -15,11 +15,12 @@ fields empty; latitude and longitude, which are what the phone took for its plac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.container import Container, open_container
@@ -29,11 +30,13 @@ from pdrbench.io.text import clean_text
 from pdrbench.sensors.checks import SAMPLED
 from pdrbench_formats.recordings.assemble import Tally, note_face_down, note_guesses
 from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place, sensor_in
-from pdrbench_formats.recordings.columnmap import ColumnMap, read_column_map, read_mapped
+from pdrbench_formats.recordings.columnmap import ColumnMap, read_column_map, read_mapped, toml_value
 from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHeaderError, find_layout, read_delimited
 from pdrbench_formats.recordings.joined import SensorTable, by_kind, join_tables
 
 _MIN_NAMED = 4  # columns: a time and a vector
+_MAX_SEARCHED: Final = 20  # tables of a folder for the one with both inertial sensors
+_PEEK_BYTES: Final = 32_768  # of such a table
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
 
 
@@ -50,15 +53,19 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
     """
     path, tally = Path(path), Tally()
     container = open_container(path)
-    if path.is_dir() or container.is_zip:
+    members = {path.name: ""} if container.is_file else _tables(container)
+    if set(members.values()) != {""}:
         if columns is not None:
             raise RecordingError(f"{path}: a column map is for one table; name one of the files in it")
-        return _read_tables(path, container, tally, strict=strict)
+        return _read_tables(path, container, members, tally, strict=strict)
+    (name,) = members
+    content, path = container.read(name), container.label(name)
+    tally.skipped.update(dict.fromkeys(container.sizes.keys() - {name}, 1))
     if columns is not None:
         known = read_column_map(columns)
-        table = _table(path, known.separator, known.decimal, known.header_line)
-        return read_mapped(path, table, known, strict=strict)
-    table, sensor = _headed_table(path)
+        table = _table(content, path, known.separator, known.decimal, known.header_line)
+        return read_mapped(path, table, known, tally=tally, strict=strict)
+    table, sensor = _headed_table(content, path)
     found, assumed = guess(table, sensor)
     if found is None and (parts := by_kind(table)):
         return join_tables(path, parts, tally, strict=strict)
@@ -74,14 +81,16 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
     return read_mapped(path, table, found, tally=tally, strict=strict)
 
 
-def _headed_table(path: Path) -> tuple[DelimitedTable, str]:
+def _headed_table(content: bytes, path: Path) -> tuple[DelimitedTable, str]:
     """A table, and the sensor that its name says where it has no header."""
     try:
-        return _table(path), ""
+        return _table(content, path), ""
     except NoHeaderError as error:
-        table, sensor = _table(path, header_line=0), sensor_in(path.stem)
+        table, sensor = _table(content, path, header_line=0), sensor_in(path.stem)
         if sensor in SAMPLED:
             return named_by_place(table, sensor), sensor
+        if by_kind(table):
+            return table, ""
         found = guess_by_place(table)
         if found is None:
             raise
@@ -111,10 +120,10 @@ def _indented(columns: ColumnMap) -> str:
     return "".join(f"    {line}\n" for line in columns.toml().splitlines())
 
 
-def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool) -> Log:
+def _read_tables(path: Path, container: Container, members: Mapping[str, str], tally: Tally, *, strict: bool) -> Log:
     """A table for each sensor, in files that are named after it; all on one clock."""
     tables: list[SensorTable] = []
-    for name, sensor in _tables(container).items():
+    for name, sensor in members.items():
         content, label = container.read(name), container.label(name)
         try:
             try:
@@ -132,21 +141,33 @@ def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool
 
 
 def _tables(container: Container) -> dict[str, str]:
-    """Sensor by member, of text files whose names say one."""
-    kinds = {
-        name: sensor_in(PurePosixPath(name).stem)
-        for name in container.names()
-        if name.lower().endswith((".csv", ".txt", ".tsv"))
-    }
-    return {name: kind for name, kind in kinds.items() if kind in SAMPLED}
+    """Sensor by member, of text files whose names say one; "" of the only one whose columns do, where no two do."""
+    texts = [name for name in container.names() if name.lower().endswith((".csv", ".txt", ".tsv"))]
+    kinds = {name: kind for name in texts if (kind := sensor_in(PurePosixPath(name).stem)) in SAMPLED}
+    if {"accel", "gyro"} <= set(kinds.values()) or len(texts) > _MAX_SEARCHED:
+        return kinds
+    inertial = [name for name in texts if _is_inertial(container, name)]
+    return {inertial[0]: ""} if len(inertial) == 1 else kinds
+
+
+def _is_inertial(container: Container, name: str) -> bool:
+    """Whether the columns of a member, by its first rows, are a time and both inertial sensors."""
+    begin = container.read(name, _PEEK_BYTES)
+    try:
+        found, _ = guess(read_delimited(begin[: begin.rfind(b"\n") + 1], container.label(name)))
+    except RecordingError:
+        return False
+    return found is not None and bool(found.time and found.accel and found.gyro)
 
 
 def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
     """A device on its face for most of the walk: apps of iPhones write acceleration with the other sign."""
-    if found.accel is None or found.rotation is not None or found.gravity is not None:
+    if found.accel is None or found.rotation is not None:
         return
-    turned = ", ".join(f'"-{name}"' for name in found.accel)
-    note_face_down(tally, table.table(found.accel), f"keep the column map with accel = [{turned}]")
+    axes = {name: names for name in ("accel", "gravity") if (names := getattr(found, name)) is not None}
+    turned = (f"{name} = {toml_value([f'-{axis}' for axis in names])}" for name, names in axes.items())
+    force = sum(table.table(names) for names in axes.values())
+    note_face_down(tally, np.asarray(force), f"keep the column map with {' and '.join(turned)}")
 
 
 def column_map_of(path: Path | str) -> str:
@@ -155,7 +176,7 @@ def column_map_of(path: Path | str) -> str:
     if path.is_dir() or open_container(path).is_zip:
         return ""
     try:
-        found, assumed = guess(_table(path))
+        found, assumed = guess(_table(open_container(path).read(path.name), path))
     except NoHeaderError:
         return ""
     if found is None:
@@ -168,9 +189,12 @@ def column_map_of(path: Path | str) -> str:
 
 
 def _table(
-    path: Path, separator: str | None = None, decimal: str | None = None, header_line: int | None = None
+    content: bytes,
+    path: Path,
+    separator: str | None = None,
+    decimal: str | None = None,
+    header_line: int | None = None,
 ) -> DelimitedTable:
-    content = open_container(path).read(path.name)
     table = read_delimited(content, path, separator=separator, decimal=decimal, header_line=header_line)
     if not len(table):
         raise RecordingError(f"{path}: line {table.first_line}: no rows below the header; export the file again")
@@ -181,6 +205,8 @@ def sniff(head: Head) -> bool:
     """True for rows of numbers in at least four columns, and for a folder with a table of each inertial sensor."""
     if head.container is not None:
         tables = _tables(head.container)
+        if "" in tables.values():
+            return True
         is_inertial = "accel" in tables.values() and "gyro" in tables.values()
         found = {kind for name, kind in tables.items() if _layout_of(head.peek(name), head.path)}
         return is_inertial and {"accel", "gyro"} <= found

@@ -13,7 +13,6 @@ Traps: records without the calibration of the phone hold its bias in fields of t
 from __future__ import annotations
 
 import re
-from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -26,9 +25,11 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
+from pdrbench_formats.recordings.delimited import read_delimited
 
 _SENSORS: Final = {"Accel": "accel", "Gyro": "gyro", "Mag": "mag"}
 _FIELDS: Final = re.compile(r"^#[ \t]*(\w+),(.*)$", re.M)
+_RECORDS: Final = re.compile(rb"^#[ \t]*(?:Uncal)?(?:Accel|Gyro|Mag),utcTimeMillis,elapsedRealtimeNanos,", re.M)
 _NUM_AXES: Final = 3
 
 
@@ -41,11 +42,11 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     path, tally = Path(path), Tally()
     text = clean_text(open_container(path).read(path.name), path, latin_1=True).content.decode()
     fields = {kind: names.split(",") for kind, names in _FIELDS.findall(text)}
-    records: dict[str, list[list[str]]] = {}
+    records: dict[str, list[str]] = {}
     for line in text.splitlines():
         kind, _, rest = line.partition(",")
         if rest and kind[:1].isalpha():
-            records.setdefault(kind, []).append(rest.split(","))
+            records.setdefault(kind, []).append(rest)
     streams: dict[str, FloatArray] = {}
     clock_s: list[float] = []
     for kind, rows in sorted(records.items()):  # what the phone has calibrated stands first
@@ -54,7 +55,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         if not sensor or sensor in streams or "elapsedRealtimeNanos" not in names:
             tally.skipped[kind] += len(rows)
             continue
-        table = _numbers(rows, len(names), kind, tally.dropped)
+        rows = [row for row in rows if row.count(",") == len(names) - 1] or rows
+        tally.dropped[f"{kind} is cut"] += len(records[kind]) - len(rows)
+        table = read_delimited("\n".join(rows).encode(), path, names=names, separator=",").table(names)
         time, unix = names.index("elapsedRealtimeNanos"), names.index("utcTimeMillis")
         axes = table[:, time + 1 : time + 1 + _NUM_AXES]
         bias = table[:, time + 1 + _NUM_AXES : time + 1 + 2 * _NUM_AXES]
@@ -73,17 +76,6 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     return assemble(path, streams, origin=origin, tally=tally, allow_unsorted=every, strict=strict)
 
 
-def _numbers(rows: list[list[str]], width: int, kind: str, dropped: Counter[str]) -> FloatArray:
-    """(N, width) the fields of records; those of another length are counted, fields that are no number are NaN."""
-    import pandas as pd
-
-    whole = [row[:width] for row in rows if len(row) >= width]
-    dropped[f"{kind} is cut"] += len(rows) - len(whole)
-    frame = pd.DataFrame(whole, columns=range(width), dtype=object)
-    numbers: FloatArray = frame.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
-    return numbers
-
-
 def _device(text: str) -> str:
     """Brand and model, as the comments at the top have them."""
     found = re.search(r"Manufacturer:\s*(\S+)\s+Model:\s*(.+)", text[:4096])
@@ -92,7 +84,7 @@ def _device(text: str) -> str:
 
 def sniff(head: Head) -> bool:
     """True for a log of this app."""
-    return head.container is None and b"elapsedRealtimeNanos" in head.content and b"# Raw," in head.content
+    return head.container is None and _RECORDS.search(head.content) is not None
 
 
 READER: Final = Reader(read, sniff, options=("strict",))

@@ -16,13 +16,14 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.log import Log
 from pdrbench.sensors.checks import SAMPLED
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down, note_guesses
-from pdrbench_formats.recordings.columnguess import guess, has_gravity, sensor_in, turns_in_degrees
+from pdrbench_formats.recordings.columnguess import guess, has_gravity, named_by_place, sensor_in, turns_in_degrees
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, streams_of, unix_s
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _MAX_APART_S: Final = 60.0  # between the beginnings of sensors of one recording
 _MAX_KINDS: Final = 40  # of records in one table
 _RAW: Final = "uncal"  # kinds of records as the phone does not calibrate them: small biases, but for magnetometers
+_ANDROID: Final = {"1": "accel", "2": "mag", "4": "gyro", "6": "baro", "11": "rotation"}  # Sensor.TYPE_*
 _BEST_ATTITUDE: Final = ("game", "rotation", "quat")  # in the name: without the magnetometer first
 
 
@@ -149,23 +150,26 @@ def _on_one_clock(path: Path, explained: list[_Explained]) -> list[_Explained]:
 def by_kind(table: DelimitedTable) -> list[SensorTable]:
     """The rows of a table in which a column says the sensor of each row, by sensor; [] where there is none."""
     for name, values in table.columns.items():
-        if values.dtype.kind in "iuf" or not len(values):
+        is_number = values.dtype.kind in "iuf"
+        if not len(values) or (is_number and not name.lower().endswith(("type", "sensor"))):
             continue
         texts = np.array(table.texts(name))
         kinds = list(dict.fromkeys(texts[: 50 * _MAX_KINDS].tolist()))
-        sensors = {kind: sensor_in(kind) for kind in kinds}
+        sensors = {kind: _ANDROID.get(kind, "") if is_number else sensor_in(kind) for kind in kinds}
         raw = {kind: sensor_in(kind[len(_RAW) :]) for kind in kinds if kind.lower().startswith(_RAW)}
         known = set(sensors.values())
         sensors |= {kind: sensor for kind, sensor in raw.items() if sensor in ("accel", "gyro") and sensor not in known}
         if len(kinds) <= _MAX_KINDS and set(sensors.values()) & {"accel", "gyro"}:
             return [
-                SensorTable(kind, sensor, _rows_of(table, texts == kind, name))
+                SensorTable(kind, sensor, _rows_of(table, texts == kind, name, sensor))
                 for kind, sensor in sensors.items()
                 if sensor in SAMPLED
             ]
     return []
 
 
-def _rows_of(table: DelimitedTable, chosen: FloatArray, kind: str) -> DelimitedTable:
+def _rows_of(table: DelimitedTable, chosen: FloatArray, kind: str, sensor: str) -> DelimitedTable:
+    """The rows of one kind; without names that say more, a time and then the axes."""
     columns = {name: values[chosen] for name, values in table.columns.items() if name != kind}
-    return DelimitedTable(table.path, columns, table.first_line, Counter(), Counter(), table.units)
+    part = DelimitedTable(table.path, columns, table.first_line, Counter(), Counter(), table.units)
+    return part if guess(part, sensor)[0] else named_by_place(part, sensor)

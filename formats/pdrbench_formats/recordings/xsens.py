@@ -14,7 +14,6 @@ back by the quaternion, rates are missing; lost packets; rotation matrices are w
 from __future__ import annotations
 
 import re
-from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Final
 
@@ -27,12 +26,13 @@ from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Origin, Tally, assemble, unit_quaternions
+from pdrbench_formats.recordings.columnguess import usual_step
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 
 MAX_COUNT: Final = 65536  # at which the counter of packets begins again
 _HEADER: Final = re.compile(rb"^(?:PacketCounter|SampleTimeFine)[,;\t]", re.M)
 _RATE: Final = re.compile(r"(?:OutputRate|Update Rate):,?\s*(\d+(?:\.\d+)?)\s*Hz", re.I)
-_START: Final = re.compile(r"StartTime:\s*,?\s*(\d{4})-(\d\d)-(\d\d)_(\d\d):(\d\d):(\d\d)_(\d+)(?:\s*GMT([+-]\d+))?")
+_START: Final = re.compile(r"StartTime:\s*,?\s*(\d{4}-\d\d-\d\d)_(\d\d:\d\d:\d\d_\d+)\s*GMT([+-]\d+)")
 _MATRIX: Final = tuple(f"Mat[{row}][{column}]" for row in (1, 2, 3) for column in (1, 2, 3))
 _QUATERNIONS: Final = (("Quat_W", "Quat_X", "Quat_Y", "Quat_Z"), ("Quat_q0", "Quat_q1", "Quat_q2", "Quat_q3"))
 
@@ -50,7 +50,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         raise RecordingError(f"{path}: no line begins with PacketCounter or SampleTimeFine; export the file again")
     top = content[: match.start()].decode("utf-8", "replace")
     table = read_delimited(content, path, header_line=content.count(b"\n", 0, match.start()) + 1)
-    is_mt = top.startswith("//") or b"\t" in match[0] or _has_mt_ticks(table)
+    is_fine = "SampleTimeFine" in table.columns
+    is_mt = top.startswith("//") or b"\t" in match[0]  # or its steps are those of a sensor in tenths of milliseconds
+    is_mt = is_mt or (is_fine and 0.001 <= usual_step(table, "SampleTimeFine") * 1e-4 <= 0.1)
     tally.mended += table.mended
     tally.dropped += table.dropped
     if not len(table):
@@ -78,15 +80,6 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         tally.skipped["magnetometer in arbitrary units"] += len(t_s)
     device = "Xsens MT" if is_mt else "Xsens DOT"
     return assemble(path, streams, origin=Origin(device, _start(top)), tally=tally, strict=strict)
-
-
-def _has_mt_ticks(table: DelimitedTable) -> bool:
-    """Whether steps of `SampleTimeFine` are those of a sensor in tenths of milliseconds, not in microseconds."""
-    if "SampleTimeFine" not in table.columns:
-        return False
-    steps = np.diff(table.numbers("SampleTimeFine"))
-    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    return 0.001 <= usual * 1e-4 <= 0.1
 
 
 def _times(path: Path, table: DelimitedTable, top: str, tally: Tally, *, tick_s: float) -> FloatArray:
@@ -134,15 +127,13 @@ def _attitude(table: DelimitedTable) -> FloatArray | None:
 
 
 def _start(top: str) -> float | None:
-    match = _START.search(top)
-    if match is None or match[8] is None:
+    import pandas as pd
+
+    if (match := _START.search(top)) is None:
         return None
-    year, month, day, hour, minute, second, milli = (int(part) for part in match.groups()[:7])
-    try:
-        zone = timezone(timedelta(hours=int(match[8])))
-        return datetime(year, month, day, hour, minute, second, milli * 1000, tzinfo=zone).timestamp()
-    except (ValueError, OverflowError):  # no such day
-        return None
+    day, clock, zone = match.groups()
+    start = pd.to_datetime(f"{day}T{clock.replace('_', '.')}{int(zone):+03d}:00", errors="coerce")
+    return None if pd.isna(start) else float(start.timestamp())
 
 
 def sniff(head: Head) -> bool:

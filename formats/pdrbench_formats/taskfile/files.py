@@ -14,6 +14,7 @@ import msgspec
 
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.files import sha256_of
+from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
 from pdrbench.io.compressed import plain_name
 from pdrbench.io.geo import GeoFrame
@@ -31,6 +32,7 @@ TRUTH_END: Final = "_truth.csv"  # of the name of a table of places beside a rec
 COLUMNS_END: Final = "_columns.toml"  # of the name of a column map beside a table
 TABLE: Final = "csv"  # the format that column maps explain
 TABLE_ENDS: Final = (".csv", ".tsv", ".txt")
+MAX_APART_S: Final = 60.0  # of places from the recording: further off they are on another clock
 MAX_FILES: Final = 10_000  # of a recording that is a folder
 BETWEEN: Final = "path_data_files"  # folder between those of floors and walks, in ILC20
 Stamp = tuple[int, int]
@@ -158,13 +160,13 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
     def find() -> FileFacts:
         found = read_walk(path, content, table)
         reference, geo = places_of(path, table, found)
-        rows = found.rows if isinstance(found, Log) else {name: s.rows for name, s in found.streams.items()}
+        rows = rows_of(found)
         return FileFacts(
             geo=None if geo is None else (geo.lat_deg, geo.lon_deg),
             first_s=float(reference.t_s[0]) if len(reference) else None,
             level=int(reference.level[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),
-            end_s=max((float(of[-1, 0]) for of in rows.values() if len(of)), default=0.0),
+            end_s=last_row_s(found),
             findings=tuple(str(one) for one in getattr(found, "findings", ()) if one.severity != "note"),
             mounting=found.mounting,
             is_shoe=not found.mounting and moves_as_shoe(rows),
@@ -223,11 +225,29 @@ def read_walk(path: Path, content: TaskFile, table: WalkTable) -> Log | Recordin
     return found
 
 
+def rows_of(found: Log | Recording) -> Mapping[str, FloatArray]:
+    """(T, C) rows by sensor."""
+    return found.rows if isinstance(found, Log) else {name: stream.rows for name, stream in found.streams.items()}
+
+
+def last_row_s(found: Log | Recording) -> float:
+    """Time of the last row of any sensor."""
+    return max((float(rows[-1, 0]) for rows in rows_of(found).values() if len(rows)), default=0.0)
+
+
 def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Trajectory, GeoFrame | None]:
     """The places of a walk, from its table of truth where there is one, and their frame where they are on the Earth."""
     if table.truth:
         places, geo = read_places(beside(path, table.truth), getattr(found, "start_unix_s", None))
-        return dataclasses.replace(places, t_s=places.t_s + table.truth_offset_s), geo
+        places = dataclasses.replace(places, t_s=places.t_s + table.truth_offset_s)
+        first_s, last_s, end_s = float(places.t_s[0]), float(places.t_s[-1]), last_row_s(found)
+        if first_s > end_s + MAX_APART_S or last_s < -MAX_APART_S:
+            raise RecordingError(
+                f"{beside(path, table.truth)}: its places lie at {first_s:.1f} to {last_s:.1f} s, the recording at 0 "
+                f"to {end_s:.1f} s: another clock; where both begin together, --truth-offset (truth_offset_s in a "
+                f"task file) {table.truth_offset_s - first_s:.1f} puts them right"
+            )
+        return places, geo
     return found.reference, getattr(found, "geo", None)
 
 

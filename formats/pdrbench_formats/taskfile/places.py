@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,17 +22,17 @@ from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
 from pdrbench_formats.recordings.columnmap import clock as clock_of
-from pdrbench_formats.recordings.delimited import BLANKS, DelimitedTable, find_layout, read_delimited
+from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
 
 CLOCKS: Final = {"t_s": 1.0, "unix_s": 1.0, "unix_ms": 1e-3}  # columns of time, and their unit in seconds
 FRAMES: Final = (("x_m", "y_m"), ("lat_deg", "lon_deg"))
 EXAMPLE: Final = "t_s,x_m,y_m,level"
 SENDER, STRENGTH = "access_point", "rssi_dbm"
 _ALIASES: Final = {  # without capitals, blanks and unit
-    "x_m": ("x", "xm", "tx", "px", "posx", "positionx", "gtx", "refx", "east", "easting"),
-    "y_m": ("y", "ym", "ty", "py", "posy", "positiony", "gty", "refy", "north", "northing"),
-    "lat_deg": ("lat", "latdeg", "latitude"),
-    "lon_deg": ("lon", "lng", "long", "londeg", "longitude"),
+    "x_m": ("x", "xm", "tx", "px", "posx", "positionx", "gtx", "refx", "east", "easting", "ecoord", "prsrx"),
+    "y_m": ("y", "ym", "ty", "py", "posy", "positiony", "gty", "refy", "north", "northing", "ncoord", "prsry"),
+    "lat_deg": ("lat", "latdeg", "latitude", "currentlatitude"),
+    "lon_deg": ("lon", "lng", "long", "londeg", "longitude", "currentlongitude"),
     "level": LEVEL_NAMES,
     SENDER: ("accesspoint", "bssid", "mac", "macaddress", "macaddressofap", "apmac", "ap", "address"),
     STRENGTH: ("rssidbm", "rssi", "rss", "signalstrength", "signal"),
@@ -39,7 +40,10 @@ _ALIASES: Final = {  # without capitals, blanks and unit
 }
 _KNOWN: Final = {base: name for name, bases in _ALIASES.items() for base in bases}
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
-_TUM: Final = ("t_s", "x_m", "y_m", "z", "qx", "qy", "qz", "qw")  # in files without a header, as evo and others write
+_TUM: Final = ("timestamp", "x_m", "y_m", "z", "qx", "qy", "qz", "qw")  # without a header, as evo and others write
+_STRENGTHS_DBM: Final = (-127.0, -10.0)  # a column `level` of them is that of Android's ScanResult
+_ACCESS_POINT: Final = re.compile(r"(?:WAP|AP|MAC|BSSID|RSSI?|beacon)_?\d+|(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}", re.I)
+_MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
 _MAX_DEGREES: Final = 0.02  # between places named x and y that are degrees: 2 km, and in metres nowhere to walk to
 _STEPS_S: Final = (0.0009, 100.0)  # between places
 
@@ -169,7 +173,7 @@ def read_table(path: Path, example: str) -> DelimitedTable:
     nothing = RecordingError(f"{path}: no places; write a line {example} and one for each place below it")
     if layout is None:
         raise nothing
-    is_tum = not layout.line and layout.separator == BLANKS and len(layout.names) == len(_TUM)
+    is_tum = not layout.line and len(layout.names) == len(_TUM)
     table = read_delimited(
         content,
         path,
@@ -200,8 +204,11 @@ def name_of(name: str) -> str:
 def _canonical(table: DelimitedTable) -> dict[str, NDArray[Any]]:
     """Columns by the names of `EXAMPLE` and of surveys, in metres, degrees and seconds; others as they are."""
     found: dict[str, NDArray[Any]] = {}
+    names = {name: name_of(name) for name in table.columns}
+    if SENDER in names.values() and STRENGTH not in names.values():
+        names |= {name: STRENGTH for name, own in names.items() if own == "level" and _are_strengths(table, name)}
     for name, values in table.columns.items():
-        own, scale = name_of(name), _METRES.get(split_unit(name)[1], 1.0)
+        own, scale = names[name], _METRES.get(unit_of("length_unit", split_unit(name)[1]), 1.0)
         if own in found or (own == "t_s" and found.keys() & CLOCKS.keys()):
             found[name] = values
         elif own == "t_s" and name != own:
@@ -218,10 +225,23 @@ def _canonical(table: DelimitedTable) -> dict[str, NDArray[Any]]:
     return found
 
 
+def senders(names: Iterable[str]) -> list[str]:
+    """Columns that are access points, of a table with a row for each scan."""
+    found = [name for name in names if _ACCESS_POINT.fullmatch(name)]
+    return found if len(found) >= _MIN_SENDERS else []
+
+
+def _are_strengths(table: DelimitedTable, name: str) -> bool:
+    """Whether a column holds strengths of signals, and no levels."""
+    values = table.numbers(name)
+    return bool(((values >= _STRENGTHS_DBM[0]) & (values <= _STRENGTHS_DBM[1])).all())
+
+
 def _are_degrees(table: DelimitedTable, found: Mapping[str, NDArray[Any]]) -> bool:
     """Whether columns called X and Y, as the Anyplace Logger has them, are latitude and longitude."""
     named = [name for name in table.columns if name_of(name) in FRAMES[0]]
-    if SENDER not in found or not all(name.strip().lstrip("# ") in ("X", "Y", "x", "y") for name in named):
+    is_survey = SENDER in found or senders(found)
+    if not is_survey or not all(name.strip().lstrip("# ") in ("X", "Y", "x", "y") for name in named):
         return False
     xy = dataclasses.replace(table, columns=found).table(FRAMES[0])
     return bool((np.abs(xy).min(axis=0) > 1.0).all() and (np.ptp(xy, axis=0) < _MAX_DEGREES).all())

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -27,6 +26,7 @@ from pdrbench_formats.taskfile.places import (
     has_places,
     places_in,
     read_table,
+    senders,
     table_names,
 )
 
@@ -35,8 +35,7 @@ MIN_DBM: Final = -127.0  # of the sensor `wifi`
 MAX_NUMBER: Final = 2**53  # exact as a float
 MAX_HEADER_BYTES: Final = 65_536  # UJIIndoorLoc names 520 access points
 _NOT_RECEIVED: Final = (100.0, 0.0)  # of UJIIndoorLoc; of tables that leave it blank in their own way
-_ACCESS_POINT: Final = re.compile(r"(?:WAP|AP)_?\d+|(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}", re.I)
-_MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
+_MAX_ABSENT_DBM: Final = -95.0  # the weakest value of a table stands for none where it is the most frequent, too
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -151,26 +150,20 @@ def is_survey_table(path: Path) -> bool:
     with path.open("rb") as file:
         content = from_utf16(file.read(MAX_HEADER_BYTES))
     names = table_names(content)
-    return bool(names & {SENDER, STRENGTH}) or (
-        has_places(names) and (not names & set(CLOCKS) or bool(_senders(names)))
-    )
-
-
-def _senders(names: Iterable[str]) -> list[str]:
-    """Columns that are access points, of a table with a row for each scan."""
-    found = [name for name in names if _ACCESS_POINT.fullmatch(name)]
-    return found if len(found) >= _MIN_SENDERS else []
+    return bool(names & {SENDER, STRENGTH}) or (has_places(names) and (not names & set(CLOCKS) or bool(senders(names))))
 
 
 def _by_reading(table: DelimitedTable) -> DelimitedTable:
     """A table with a row for each scan as one with a row for each reading; any other as it is."""
-    senders = _senders(table.columns)
-    if not senders or SENDER in table.columns:
+    named = senders(table.columns)
+    if not named or SENDER in table.columns:
         return table
-    rssi_dbm = table.table(senders)
-    scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, _NOT_RECEIVED))
-    columns = {name: values[scan] for name, values in table.columns.items() if name not in senders}
-    readings = {SENDER: np.array(senders, dtype=object)[of], STRENGTH: rssi_dbm[scan, of], "scan": scan}
+    rssi_dbm = table.table(named)
+    values, counts = np.unique(rssi_dbm[np.isfinite(rssi_dbm)], return_counts=True)
+    absent = values[:1] if len(values) and values[0] < _MAX_ABSENT_DBM and counts.argmax() == 0 else values[:0]
+    scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, [*_NOT_RECEIVED, *absent]))
+    columns = {name: values[scan] for name, values in table.columns.items() if name not in named}
+    readings = {SENDER: np.array(named, dtype=object)[of], STRENGTH: rssi_dbm[scan, of], "scan": scan}
     return dataclasses.replace(table, columns={**columns, **readings})
 
 
