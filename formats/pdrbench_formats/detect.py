@@ -109,13 +109,17 @@ def unpacked(path: Path) -> Iterator[Path]:
 
 def _only_member(path: Path, container: Container) -> str:
     """The only file of an archive; or the only recording in it or a folder, where no format is that of the whole."""
-    if len(container.sizes) == 1:
-        return next(iter(container.sizes)) if container.is_zip else ""
+    names = list(container.sizes)
+    if len(names) == 1 and container.is_zip:
+        return names[0]
+    if container.is_file or len(names) > _MAX_SEARCHED:
+        return ""
     readers = [READERS[name] for name in READERS if name not in READERS.broken()]
-    heads = {name: Head(path / name, container.read(name, HEAD_BYTES)) for name in container.names()[:_MAX_SEARCHED]}
+    logs = [reader for reader in readers if "strict" in reader.options and not reader.fallback]
     with contextlib.suppress(RecordingError):
-        if len(container.sizes) <= _MAX_SEARCHED and not any(reader.sniff(head_of(path)) for reader in readers):
-            logs = [reader for reader in readers if "strict" in reader.options and not reader.fallback]
+        head = head_of(path)
+        if not any(reader.sniff(head) for reader in readers):
+            heads = {name: Head(path / name, container.read(name, HEAD_BYTES)) for name in names}
             found = [name for name, head in heads.items() if any(reader.sniff(head) for reader in logs)]
             return found[0] if len(found) == 1 else ""
     return ""

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import threading
-from collections.abc import Iterator
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,7 @@ LICENCE, WALK = b"Do as you please.\n", b"0,1,2\n"
 
 
 @pytest.fixture
-def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+def mirror(serve: Callable[[Path], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The address of a mirror of a small set that is registered as well, and an empty cache."""
     rows = []
     for path, content, role in (("LICENSE", LICENCE, "licence"), ("data/walk-one.csv", WALK, "data")):
@@ -35,23 +32,8 @@ def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setattr(catalogue, "datasets", lambda: known)
     monkeypatch.setattr("pdrbench.datasets.datasets", lambda: known)
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)
-    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
-        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
-    handler = partial(QuietHandler, directory=str(tmp_path / "mirror"))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as httpd:
-        thread = threading.Thread(target=httpd.serve_forever, args=(0.01,))
-        thread.start()
-        yield f"http://127.0.0.1:{httpd.server_port}"
-        httpd.shutdown()
-        thread.join()
-
-
-class QuietHandler(SimpleHTTPRequestHandler):
-    """Serves a folder without a word."""
-
-    def log_message(self, *_: object) -> None:
-        pass
+    return serve(tmp_path / "mirror")
 
 
 def test_fetch_then_verify_then_fetch_nothing(mirror: str, command: Any, tmp_path: Path) -> None:
@@ -92,14 +74,6 @@ def test_a_folder_elsewhere_can_be_verified(mirror: str, command: Any, tmp_path:
     assert command("data", "verify", "small", "--path", tmp_path / "mirror/small").code == 0
     outcome = command("data", "verify", "small", "--path", tmp_path / "absent")
     assert outcome.code == 1 and "is not a folder" in outcome.err
-
-
-def test_a_failed_fetch_is_one_line(mirror: str, command: Any, tmp_path: Path) -> None:
-    (tmp_path / "mirror/small/data/walk-one.csv").unlink()
-    outcome = command("data", "fetch", "small", "--mirror", mirror, "--json")
-    assert (outcome.code, outcome.out) == (1, "")
-    (line,) = [line for line in outcome.err.splitlines() if line.startswith("pdrbench: ")]
-    assert f"{mirror}/small/data/walk-one.csv: the server answers 404" in line
 
 
 def test_without_data_the_command_says_how_to_begin(mirror: str, command: Any) -> None:

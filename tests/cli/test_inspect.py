@@ -100,7 +100,7 @@ def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tm
     ("make", "message"),
     [
         (lambda path: path.write_text("hello\n"), "in no format that pdrbench knows"),
-        (lambda path: path.write_bytes(b""), "is empty; copy or export it again"),
+        (lambda path: path.write_bytes(b"\n"), "is empty; copy or export it again"),
         (lambda path: path.write_bytes(b"\x1f\x8bnot gzip"), "damaged"),
         (lambda path: path.mkdir(), "in no format that pdrbench knows"),
         (lambda path: None, "cannot be read"),

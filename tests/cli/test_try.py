@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import http.server
 import json
-import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +113,7 @@ def test_what_cannot_be_tried_is_one_line(options: list[str], why: str, command:
 
 
 def test_a_packed_folder_is_the_same_environment_for_whoever_fetches_it(
-    command: Any, walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: Any, walk: Path, serve: Callable[[Path], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried(command, walk, f"--truth={walk.parent / 'places.csv'}")
     packed = tmp_path / "packed"
@@ -128,13 +126,9 @@ def test_a_packed_folder_is_the_same_environment_for_whoever_fetches_it(
     assert sha256 == hashlib.sha256((packed / "dataset.json").read_bytes()).hexdigest()
     assert "one adult" in (packed / "README.md").read_text()
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
-    serve = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(packed))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        url = f"http://127.0.0.1:{server.server_port}"
-        wrong = command("data", "fetch", url, "--sha256", "0" * 64)
-        fetched = command("data", "fetch", url, "--sha256", sha256)
-        server.shutdown()
+    url = serve(packed)
+    wrong = command("data", "fetch", url, "--sha256", "0" * 64)
+    fetched = command("data", "fetch", url, "--sha256", sha256)
     assert wrong.code == 1 and "hash differs" in wrong.err
     assert fetched.code == 0, fetched.err
     theirs, ours = make_task(str(tmp_path / "cache" / "Try-v0")), make_task(str(tmp_path / "out"))

@@ -55,18 +55,10 @@ def test_every_file_is_found_and_right() -> None:
     assert reader_of(FOLDER / "xio.toml").summary.startswith("x-IMU3")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("accel_unit", "accel_units", "did you mean 'accel_unit'"),
-        ('"g"', '"stone"', "Invalid enum value 'stone'"),
-        ("header", "head", "head"),
-        ("[columns]", "[columns", "new.toml"),
-    ],
-)
-def test_a_wrong_file_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+@pytest.mark.parametrize(("old", "new"), [("accel_unit", "accel_units"), ("header", "head")])
+def test_a_wrong_file_is_named(tmp_path: Path, old: str, new: str) -> None:
     (tmp_path / "new.toml").write_text(NEW_APP.replace(old, new))
-    with pytest.raises(PdrbenchError, match=message):
+    with pytest.raises(PdrbenchError, match=f"new.toml.*{new}"):
         reader_of(tmp_path / "new.toml")
 
 

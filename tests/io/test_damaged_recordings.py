@@ -117,18 +117,6 @@ class TestBadInput:
         with pytest.raises(RecordingError, match=r"synced/acce has type .* expected numbers of one walk"):
             read(path)
 
-    def test_a_timetable_of_matlab_is_refused_with_the_way_out(self, tmp_path: Path) -> None:
-        path = samples.matlab_mobile(tmp_path, {})
-        assert detect(path) == "other_program"
-        with pytest.raises(RecordingError, match="writetable"):
-            read(path)
-
-    def test_units_in_another_scale_are_one_error_or_a_list(self, phone_walk: Rows, tmp_path: Path) -> None:
-        path = samples.ridi(tmp_path, {**phone_walk, "accel": phone_walk["accel"] / [1, *[samples.GRAVITY_MPS2] * 3]})
-        with pytest.raises(RecordingError, match=r"data.csv: accel: .*looks like g"):
-            read(path)
-        assert read(path, strict=False).findings[0].code == "accel-unit"
-
     @pytest.mark.parametrize(
         ("damage", "shown"),
         [
@@ -162,13 +150,3 @@ class TestBadInput:
             file.write("ACCE;90000.0;95000.0;0.1;0.2;9.8;3\n")
         with pytest.raises(RecordingError, match="25 h after the first record, expected a walk of at most 24"):
             read(path, strict=False)
-
-    def test_an_empty_file_is_called_empty(self, tmp_path: Path) -> None:
-        (tmp_path / "walk.bag").write_bytes(b"\n")
-        with pytest.raises(RecordingError, match=r"walk\.bag: is empty; copy or export it again"):
-            read(tmp_path / "walk.bag")
-
-    def test_no_option_is_ignored(self, phone_walk: Rows, tmp_path: Path) -> None:
-        path = samples.euroc(tmp_path, phone_walk)
-        with pytest.raises(RecordingError, match="has no option 'columns'"):
-            read(path, columns={"time": "t"})

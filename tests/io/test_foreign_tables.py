@@ -46,15 +46,6 @@ def test_what_stands_above_the_rows(
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
 
 
-def test_numbers_without_a_header_are_numbered_columns(phone_walk: Rows, tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(rows_of(phone_walk)) + "\n")
-    with pytest.raises(RecordingError, match=r"numbers without a header.*header_line = 0"):
-        read(path)
-    log = read(path, "csv", columns={"header_line": 0, "time": "1", "accel": ["2", "3", "4"]})
-    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
-
-
 NAMES = ("x", "y", "z")
 
 
@@ -126,6 +117,7 @@ def test_the_attitude_of_a_phone_says_which_sign_its_acceleration_has(
         ("%H:%M:%S:{ms:03d}", False),
         ("%H:%M:%S.{ms:03d}", False),
         ("%Y-%m-%d %H:%M:%S:{ms:03d}", False),
+        ("%d.%m.%Y %H:%M:%S.{ms:03d}", False),
         ("%Y-%m-%d %H:%M:%S", True),
     ],
 )
@@ -134,7 +126,7 @@ def test_times_of_day_and_dates(phone_walk: Rows, tmp_path: Path, form: str, coa
     from datetime import UTC, datetime, timedelta
 
     begin = datetime(2024, 4, 5, 23, 59, 50, tzinfo=UTC)
-    lines = ["Date,elapsed ms,ax,ay,az" if coarse else "Date,number,ax,ay,az"]
+    lines = ["Date,elapsed ms,ax,ay,az" if coarse else "Time(s),number,ax,ay,az"]
     for row in phone_walk["accel"]:
         at = begin + timedelta(seconds=row[0])
         date = at.strftime(form).format(ms=at.microsecond // 1000)
@@ -150,27 +142,6 @@ def sensor_files(walk: Rows, names: dict[str, str], header: str, scale: float) -
         rows = walk[sensor] * [scale, 1, 1, 1]
         files[name] = header + "\n" + "\n".join(",".join(f"{value:.7f}" for value in row) for row in rows) + "\n"
     return files
-
-
-@pytest.mark.parametrize("zipped", [False, True])
-def test_a_table_for_each_sensor(phone_walk: Rows, tmp_path: Path, zipped: bool) -> None:
-    """The names of the files say the sensors; one of them begins later."""
-    later = {**phone_walk, "gyro": phone_walk["gyro"][50:]}
-    names = {"day/Accelerometer_20240405.csv": "accel", "day/Gyroscope_20240405.csv": "gyro"}
-    files = sensor_files(later, names, "time,X_value,Y_value,Z_value", 1.0)
-    path = tmp_path / ("a.zip" if zipped else "walk")
-    if zipped:
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, text in files.items():
-                archive.writestr(name, text)
-    else:
-        (path / "day").mkdir(parents=True)
-        for name, text in files.items():
-            (path / name).write_text(text)
-    log = read(path)
-    assert detect(path) == "csv"
-    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
-    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"][50:], atol=1e-6)
 
 
 def test_tables_of_two_devices_are_refused(phone_walk: Rows, tmp_path: Path) -> None:

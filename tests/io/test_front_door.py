@@ -178,18 +178,25 @@ def meta_base(walk: Rows) -> samples.Files:
 
 
 def gnss_logger(walk: Rows) -> samples.Files:
-    lines = ["# ", "# Version: v3.0.0.1 Platform: 10 Manufacturer: Foo Model: Bar 5", "# Raw,utcTimeMillis,TimeNanos"]
-    names = {"accel": ("UncalAccel", "Mps2"), "gyro": ("UncalGyro", "RadPerSec"), "mag": ("UncalMag", "MicroT")}
-    for kind, unit in names.values():
-        fields = ",".join(f"{what}{axis}{unit}" for what in (kind, "Bias") for axis in "XYZ")
+    """Without satellites, with calibrated records beside the others, in the folder of a whole recording."""
+    lines = ["# ", "# Version: v3.0.0.1 Platform: 10 Manufacturer: Foo Model: Bar 5"]
+    kinds = {"Accel": ("accel", "Mps2"), "UncalGyro": ("gyro", "RadPerSec"), "UncalMag": ("mag", "MicroT")}
+    kinds["UncalAccel"] = kinds["Accel"]
+    for kind, (_, unit) in kinds.items():
+        names = (kind, "Bias") if kind.startswith("Uncal") else (kind,)
+        fields = ",".join(f"{what}{axis}{unit}" for what in names for axis in "XYZ")
         lines.append(f"# {kind},utcTimeMillis,elapsedRealtimeNanos,{fields}")
-    lines += ["# ", "Raw,1700000000000,1,2,3"]
-    for row in range(len(walk["accel"])):
-        t = walk["accel"][row, 0]
-        for sensor, (kind, _) in names.items():
-            x, y, z = walk[sensor][row, 1:] + [0.1, 0.2, 0.3]
-            lines.append(f"{kind},{1.7e12 + t * 1e3:.0f},{(65_972 + t) * 1e9:.0f},{x:.7f},{y:.7f},{z:.7f},0.1,0.2,0.3")
-    return {"gnss_log.txt": "\n".join([*lines, ""]).encode()}
+    for row, t in enumerate(walk["accel"][:, 0]):
+        for kind, (sensor, _) in kinds.items():
+            bias = [0.1, 0.2, 0.3] if kind.startswith("Uncal") else []
+            values = [*(walk[sensor][row, 1:] + (bias or 0.0)), *bias]
+            stamps = f"{1.7e12 + t * 1e3:.0f},{(65_972 + t) * 1e9:.0f}"
+            lines.append(f"{kind},{stamps}," + ",".join(f"{value:.7f}" for value in values))
+    return {
+        "gnss_log.txt": "\n".join([*lines, ""]).encode(),
+        "gnss_log.nmea": b"$GPGGA,1,2,3\n",
+        "notes.txt": b"mine\n",
+    }
 
 
 def wit_motion(walk: Rows) -> samples.Files:
@@ -200,7 +207,7 @@ def wit_motion(walk: Rows) -> samples.Files:
     for a, w in zip(walk["accel"], walk["gyro"], strict=True):
         values = [*(a[1:] / 9.80665), *(w[1:] * 180 / np.pi)]
         second, ms = divmod(round(a[0] * 1000), 1000)
-        lines.append(f"2023-11-14 22:13:{20 + second}:{ms:03d}\tWT901\t" + "\t".join(f"{v:.6f}" for v in values))
+        lines.append(f"2023-11-4 8:3:{second}:{ms}\tWT901\t" + "\t".join(f"{v:.6f}" for v in values))
     return {"data.txt": "\n".join([*lines, ""]).encode()}
 
 
@@ -209,12 +216,15 @@ def mars(walk: Rows) -> samples.Files:
     columns = table(walk, "gyro", "accel", t=1e9, begin=328_551.5)
     columns = np.column_stack([columns, columns[:, 0] - 328_551.5e9 + 1.7e18])
     text = samples.text_of(f"Timestamp[nanosec], {names}, Unix time[nanosec]", columns, ", ", "%.15g")
-    return {"gyro_accel.csv": text}
+    frames = "Timestamp[nanosec],fx[px],fy[px],Frame No.\n" + "".join(f"{3.3e14 + k:.0f},9,9,{k}\n" for k in range(9))
+    return {"gyro_accel.csv": text, "movie_metadata.csv": frames.encode(), "movie.mp4": b"\0\0\0 ftypmp42"}
 
 
-def boot_ns(walk: Rows) -> samples.Files:
-    columns = table(walk, "accel", "gyro", t=1e9, begin=66_000.96)
-    return {"a.csv": samples.text_of("timestamp,ax,ay,az,gx,gy,gz", columns, form="%.15g")}
+def table_and_labels(walk: Rows) -> samples.Files:
+    """Seconds as Apple counts them, from 2001."""
+    columns = np.column_stack([walk["accel"] + [7.2e8, 0, 0, 0], walk["gyro"][:, 1:]])
+    text = samples.text_of("timestamp,ax,ay,az,gx,gy,gz", columns, form="%.12g")
+    return {"day/walk.csv": text, "day/labels.csv": b"t,what\n0,walk\n1,stop\n", "day/gps.csv": b"t,lat,lon\n0,48,11\n"}
 
 
 def xsens_commas(walk: Rows) -> samples.Files:
@@ -224,12 +234,35 @@ def xsens_commas(walk: Rows) -> samples.Files:
     return {"MT.csv": samples.text_of(header, np.column_stack([np.arange(len(columns)), columns]))}
 
 
-def kinds_in_a_column(walk: Rows) -> samples.Files:
-    lines = ["timestamp_ms,sensor,x,y,z"]
+def shimmer(walk: Rows) -> samples.Files:
+    """Names and units in two lines, and a tab behind the last column."""
+    names = [f"Shimmer_40AC_{name}_CAL" for name in ("Timestamp_Unix", *(f"Accel_LN_{axis}" for axis in "XYZ"))]
+    names += [f"Shimmer_40AC_{name}_CAL" for name in ("Battery", *(f"Gyro_{axis}" for axis in "XYZ"))]
+    units = ["ms", *["m/(s^2)"] * 3, "mV", *["deg/s"] * 3]
+    t_s, gyro = walk["accel"][:, 0], np.degrees(walk["gyro"][:, 1:])
+    columns = np.column_stack([1.7e12 + t_s * 1e3, walk["accel"][:, 1:], 0 * t_s + 4000.0, gyro])
+    rows = samples.lines_of(columns, "\t", "%.15g")
+    return {"a.csv": "".join(f"{line}\t\n" for line in ["sep=", "\t".join(names), "\t".join(units), *rows]).encode()}
+
+
+def kinds(walk: Rows, header: str, *names: str) -> samples.Files:
+    lines = [header] if header else []
     for a, w in zip(walk["accel"], walk["gyro"], strict=True):
-        for kind, row in (("android.sensor.accelerometer", a), ("android.sensor.gyroscope", w)):
-            lines.append(f"{a[0] * 1e3 + 5e7:.0f},{kind},{row[1]:.7f},{row[2]:.7f},{row[3]:.7f}")
+        for kind, row in zip(names, (a, w), strict=True):
+            lines.append(f"{kind},{a[0] * 1e9 + 5e13:.0f},{row[1]:.7f},{row[2]:.7f},{row[3]:.7f}")
     return {"log.csv": "\n".join([*lines, ""]).encode()}
+
+
+def kinds_in_a_column(walk: Rows) -> samples.Files:
+    return kinds(walk, "sensor,timestamp_ns,x,y,z", "android.sensor.accelerometer", "android.sensor.gyroscope")
+
+
+def kinds_as_numbers(walk: Rows) -> samples.Files:
+    return kinds(walk, "sensor_type,timestamp,v0,v1,v2", "1", "4")
+
+
+def kinds_without_a_header(walk: Rows) -> samples.Files:
+    return kinds(walk, "", "ACC", "GYR")
 
 
 def odd_lines(walk: Rows) -> samples.Files:
@@ -238,7 +271,8 @@ def odd_lines(walk: Rows) -> samples.Files:
     return {"a.csv": "\n".join(["t,ax,ay,az,gx,gy,gz,", *rows, ""]).encode()}
 
 
-DOORS = (imu_recorder, meta_base, gnss_logger, wit_motion, mars, boot_ns, xsens_commas, kinds_in_a_column, odd_lines)
+DOORS = (imu_recorder, meta_base, gnss_logger, wit_motion, mars, table_and_labels, xsens_commas, shimmer)
+DOORS += (kinds_in_a_column, kinds_as_numbers, kinds_without_a_header, odd_lines)
 
 
 @pytest.mark.parametrize("write", DOORS, ids=lambda write: write.__name__)
@@ -250,6 +284,9 @@ def test_logs_of_strangers(write: Any, phone_walk: Rows, tmp_path: Path) -> None
     for sensor in log.rows.keys() & phone_walk.keys():
         rows = phone_walk[sensor][len(phone_walk[sensor]) - len(log.rows[sensor]) :]
         np.testing.assert_allclose(log.rows[sensor], rows, atol=2e-3 if sensor != "gyro" else 1e-4)
+    if write in (gnss_logger, mars, table_and_labels):  # one file of a folder, on a clock that may count from 1970
+        assert log.report.skipped.keys() >= {Path(name).name for name in list(files)[1:]}
+        assert (log.start_unix_s is None) is (write is not gnss_logger)
     if write is imu_recorder:
         assert log.report.skipped.keys() >= {"reference_time.txt", "README.md", "rv.txt"}
     if write is odd_lines:
@@ -286,6 +323,19 @@ def test_two_headers_and_no_time(phone_walk: Rows, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"right_sensor acc_x.*accel and gyro: two devices.*state the rate"):
         read(path)
     log, _ = read_or_follow(path)
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
+    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
+
+
+def test_without_a_time_the_map_in_the_message_lacks_the_rate_alone(phone_walk: Rows, tmp_path: Path) -> None:
+    """As MotionSense has it: numbered rows, and acceleration in g without gravity beside gravity."""
+    gravity = phone_walk["gravity"][:, 1:] / samples.GRAVITY_MPS2
+    values = [phone_walk["accel"][:, 1:] / samples.GRAVITY_MPS2 - gravity, gravity, phone_walk["gyro"][:, 1:]]
+    names = [f"{name}.{axis}" for name in ("userAcceleration", "gravity", "rotationRate") for axis in "xyz"]
+    columns = np.column_stack([np.arange(len(gravity)), *values])
+    (tmp_path / "a.csv").write_bytes(samples.text_of("," + ",".join(names), columns))
+    log, is_read = read_or_follow(tmp_path / "a.csv")
+    assert not is_read
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
 

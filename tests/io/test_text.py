@@ -21,15 +21,6 @@ def put(folder: Path, content: bytes, name: str = "log.txt") -> Path:
     return path
 
 
-def test_plain_and_compressed_read_the_same_whatever_they_are_called(tmp_path: Path) -> None:
-    content = b"one\ntwo\n"
-    plain = read_text(put(tmp_path, content))
-    packed = read_text(put(tmp_path, gzip.compress(content), "packed.txt"))
-    also_packed = read_text(put(tmp_path, lzma.compress(content), "xz.txt"))
-    assert plain.content == packed.content == also_packed.content == content
-    assert plain.mended == packed.mended == {}
-
-
 @pytest.mark.parametrize("compress", [gzip.compress, lzma.compress, bz2.compress])
 def test_two_packed_parts_and_padding_are_one_text(tmp_path: Path, compress: Callable[[bytes], bytes]) -> None:
     content = compress(b"one\n") + compress(b"two\n") + b"\0" * 8

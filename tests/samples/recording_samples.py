@@ -426,12 +426,6 @@ def csv(folder: Path, walk: Rows) -> Path:
     return _write(folder / "any.csv", text_of(header, table, ";", "%.12g"))
 
 
-def matlab_mobile(folder: Path, walk: Rows) -> Path:
-    """The beginning of a `.mat` file with a timetable, which no reader outside MATLAB can read."""
-    element = b"\x0e\0\0\0" + (88).to_bytes(4, "little") + b"\0" * 24 + b"Acceleration" + b"\0" * 12 + b"MCOStimetable"
-    return _write(folder / "a.mat", b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + element.ljust(200, b"\0"))
-
-
 @dataclass(frozen=True, slots=True)
 class Sample:
     """One way in which a format is written.

@@ -35,7 +35,7 @@ MIN_DBM: Final = -127.0  # of the sensor `wifi`
 MAX_NUMBER: Final = 2**53  # exact as a float
 MAX_HEADER_BYTES: Final = 65_536  # UJIIndoorLoc names 520 access points
 _NOT_RECEIVED: Final = (100.0, 0.0)  # of UJIIndoorLoc; of tables that leave it blank in their own way
-_MAX_ABSENT_DBM: Final = -95.0  # the weakest value of a table stands for none where it is the most frequent, too
+_MAX_ABSENT_DBM: Final = -95.0  # a value below it that fills half of a table stands for none
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -160,8 +160,8 @@ def _by_reading(table: DelimitedTable) -> DelimitedTable:
         return table
     rssi_dbm = table.table(named)
     values, counts = np.unique(rssi_dbm[np.isfinite(rssi_dbm)], return_counts=True)
-    absent = values[:1] if len(values) and values[0] < _MAX_ABSENT_DBM and counts.argmax() == 0 else values[:0]
-    scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, [*_NOT_RECEIVED, *absent]))
+    is_absent = (values < MIN_DBM) | (values < _MAX_ABSENT_DBM) & (counts >= counts.sum() / 2)
+    scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, [*_NOT_RECEIVED, *values[is_absent]]))
     columns = {name: values[scan] for name, values in table.columns.items() if name not in named}
     readings = {SENDER: np.array(named, dtype=object)[of], STRENGTH: rssi_dbm[scan, of], "scan": scan}
     return dataclasses.replace(table, columns={**columns, **readings})

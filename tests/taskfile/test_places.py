@@ -1,0 +1,80 @@
+"""Tables of places and of surveys as other programs write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench_formats.taskfile.places import read_places
+from pdrbench_formats.taskfile.survey import is_survey_table, read_survey_table
+
+ISO = "2023-11-14T22:13:{:02d}.000Z"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s;x_m;y_m;level\n0,00;1,5;2,25;0\n2,00;3,0;4,5;0\n",
+        "# timestamp tx ty tz qx qy qz qw\n0.0 1.5 2.25 0 0 0 0 1\n2.0 3.0 4.5 0 0 0 0 1\n",
+        "0.0 1.5 2.25 0 0 0 0 1\n2.0 3.0 4.5 0 0 0 0 1\n",
+        f"time,X,Y,floor\n{ISO.format(20)},1.5,2.25,0\n{ISO.format(22)},3.0,4.5,0\n",
+        "time_ms\tx (m)\ty (m)\n0\t1.5\t2.25\n2000\t3.0\t4.5\n",
+        "timestamp,x [cm],y [cm]\n1700000000000,150,225\n1700000002000,300,450\n",
+        "Höhe,t_s,x_m,y_m\n0,0,1.5,2.25\n0,2,3.0,4.5\n",
+        "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m]\n1700000000000000000,1.5,2.25\n1700000002000000000,3.0,4.5\n",
+        "1700000000.0 1.5 2.25 0 0 0 0 1\n1700000002.0 3.0 4.5 0 0 0 0 1\n",
+        "0.0,1.5,2.25,0,0,0,0,1\n2.0,3.0,4.5,0,0,0,0,1\n",
+        "time,x,y\n0:00.0,1.5,2.25\n0:02.0,3.0,4.5\n",
+        "time_ms,x_cm,y_cm,level\n0,150,225,0\n2000,300,450,0\n",
+        "Zeit (s)\tX (m)\tY (m)\tEtage\n0,00\t1,5\t2,25\t1\n2,00\t3,0\t4,5\t2\n",
+    ],
+)
+def test_truth_in_the_dialects_of_recordings(text: str, tmp_path: Path) -> None:
+    (tmp_path / "truth.txt").write_bytes(text.encode("cp1252"))
+    reference, geo = read_places(tmp_path / "truth.txt", 1_700_000_000.0)
+    assert geo is None
+    np.testing.assert_allclose(reference.t_s, [0.0, 2.0], atol=1e-6)
+    np.testing.assert_allclose(reference.xy_m, [[1.5, 2.25], [3.0, 4.5]], atol=1e-9)
+    assert reference.level.tolist() == ([1, 2] if "Etage" in text else [0, 0])
+
+
+def test_surveys_of_other_programs(tmp_path: Path) -> None:
+    """The log of the Anyplace Logger, and rows of scans with a column for each access point."""
+    path = tmp_path / "scans.txt"
+    rows = [
+        f"1476000000, 48.0000{k}, 11.0000{k}, 120.0, 02:00:00:00:00:0{j}, -{50 + j}, 1" for k in (1, 5) for j in (1, 2)
+    ]
+    path.write_text("\n".join(["# Timestamp, X, Y, HEADING, MAC Address of AP, RSS, Floor", *rows, ""]))
+    assert is_survey_table(path)
+    scans, geo = read_survey_table(path)
+    assert geo is not None and scans.count.tolist() == [2, 2] and scans.level.tolist() == [1, 1]
+    assert np.hypot(*np.diff(scans.xy_m, axis=0)[0]) == pytest.approx(5.34, abs=0.1)
+    path.write_text(
+        "WAP001,WAP002,WAP003,LONGITUDE,LATITUDE,FLOOR\n100,-97,-60,-7541.2,4864920.7,2\n-50,100,100,-7536.6,4864934.2,2\n"
+    )
+    scans, geo = read_survey_table(path)
+    assert geo is None and scans.count.tolist() == [2, 1] and scans.readings[:, 1].tolist() == [-97.0, -60.0, -50.0]
+    assert scans.xy_m.tolist() == [[-7541.2, 4864920.7], [-7536.6, 4864934.2]]
+
+
+MACS = ("02:00:00:00:00:01", "02:00:00:00:00:02", "02:00:00:00:00:03")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"x,y,floor,SSID,BSSID,level\n1,2,3,my net,{MACS[0]},-50\n1,2,3,my net,{MACS[1]},-60\n",
+        "MAC1,MAC2,MAC3,ECoord,NCoord,FloorID\n-50,100,-60,1,2,3\n",
+        f"# NaN -110\n# X, Y, floor, {', '.join(MACS)}\n1, 2, 3, -50, -110, -60\n1, 2, 3, -110, -110, -110\n",
+        "x,y,floor,beacon1,beacon2,beacon3\n1,2,3,-50,-200,-60\n",
+        "X;Y;Etage;MAC;RSSI (dBm)\n1,0;2,0;3;AP 1;-50,0\n1,0;2,0;3;AP 2;-60,0\n",
+    ],
+)
+def test_surveys_in_the_dialects_of_loggers(text: str, tmp_path: Path) -> None:
+    (tmp_path / "scans.csv").write_text(text)
+    assert is_survey_table(tmp_path / "scans.csv")
+    scans, geo = read_survey_table(tmp_path / "scans.csv")
+    assert geo is None and scans.xy_m.tolist() == [[1.0, 2.0]] and scans.level.tolist() == [3]
+    assert scans.readings[:, 1].tolist() == [-50.0, -60.0]
