@@ -30,6 +30,7 @@ MAX_AXES_RATIO: Final = 1.2  # the same of axes
 _SLIP_MPS2: Final = 0.05  # a swing that closes better says no more
 MIN_LEFT_MPS2: Final = 0.35  # less shows no fault: a foot that stands
 MIN_SWINGS: Final = 3
+MIN_AXES_SWINGS: Final = 8  # of three, one of 47 other ways fits better by chance
 MAX_SWINGS: Final = 16
 BLOCK: Final = 256  # samples, half a second to five: a foot that walks swings in each
 QUIET_FRACTION: Final = 0.15  # of the samples of a walk: so long a foot rests (Frank et al. 2009)
@@ -164,7 +165,7 @@ def swings(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> Iterator[Fin
     if given > MAX_RATIO * by_factor.min() and by_factor.min() < left[best]:
         seen += f", and {by_factor.min():.2g} with rates {factor:.3g} times as large"
         yield Finding("error", "gyro-unit", "gyro", seen, _REMEDIES.get(factor) or _other_clock(factor))
-    elif given > MAX_AXES_RATIO * left[best]:
+    elif given > MAX_AXES_RATIO * left[best] and len(edges) >= MIN_AXES_SWINGS:
         way = PROPER[best % len(PROPER)] * (1.0 if best < len(PROPER) else -1.0)
         axes = ", ".join(f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in way)
         remedy = "the axes are left-handed, or the gyroscope has the other sign: multiply gyro by -1"
