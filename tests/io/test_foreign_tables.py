@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -136,17 +135,10 @@ def test_times_of_day_and_dates(phone_walk: Rows, tmp_path: Path, form: str, coa
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-3)
 
 
-def sensor_files(walk: Rows, names: dict[str, str], header: str, scale: float) -> dict[str, str]:
-    files = {}
-    for name, sensor in names.items():
-        rows = walk[sensor] * [scale, 1, 1, 1]
-        files[name] = header + "\n" + "\n".join(",".join(f"{value:.7f}" for value in row) for row in rows) + "\n"
-    return files
-
-
 def test_tables_of_two_devices_are_refused(phone_walk: Rows, tmp_path: Path) -> None:
     names = {"acc_left.csv": "accel", "gyro.csv": "gyro", "acc.csv": "accel", "acceleration.csv": "accel"}
-    for name, text in sensor_files(phone_walk, names, "time,x,y,z", 1.0).items():
+    for name, sensor in names.items():
+        text = samples.text_of("time,x,y,z", phone_walk[sensor], form="%.7f").decode()
         (tmp_path / name).write_text(text if name == "gyro.csv" else text.replace("9.", f"9.{len(name)}"))
     with pytest.raises(RecordingError, match="both hold accel: two devices or two recordings"):
         read(tmp_path)
@@ -177,13 +169,11 @@ def test_phyphox_in_any_language(phone_walk: Rows, tmp_path: Path) -> None:
         "A": (phone_walk["accel"], "加速度", "m/s^2"),
         "B": (phone_walk["gyro"], "回転", "rad/s"),
     }
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        archive.writestr("meta/time.csv", '"event","experiment time","system time"\n"START",0,1700000000\n')
-        for name, (rows, word, unit) in tables.items():
-            header = ",".join(f'"{text}"' for text in ["時間 (s)", *(f"{word} {axis} ({unit})" for axis in NAMES)])
-            text = "\n".join(",".join(f"{value:.7E}" for value in row) for row in rows)
-            archive.writestr(f"{name}.csv", f"{header}\n{text}\n")
-    log = read(tmp_path / "a.zip")
+    files = {"meta/time.csv": b'"event","experiment time","system time"\n"START",0,1700000000\n'}
+    for name, (rows, word, unit) in tables.items():
+        header = ",".join(f'"{text}"' for text in ["時間 (s)", *(f"{word} {axis} ({unit})" for axis in NAMES)])
+        files[f"{name}.csv"] = samples.text_of(header, rows, form="%.7E")
+    log = read(samples.zip_of(tmp_path / "a.zip", files))
     assert detect(tmp_path / "a.zip") == "phyphox"
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-5)
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-5)

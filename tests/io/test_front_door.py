@@ -245,6 +245,18 @@ def shimmer(walk: Rows) -> samples.Files:
     return {"a.csv": "".join(f"{line}\t\n" for line in ["sep=", "\t".join(names), "\t".join(units), *rows]).encode()}
 
 
+def stamps_of_ros(walk: Rows) -> samples.Files:
+    """Seconds and what is left of them in two columns, and a force that is named by its axes alone."""
+    ns = np.round(walk["accel"][:, 0] * 1e9)
+    columns = np.column_stack([1.7e9 + ns // 10**9, ns % 10**9, walk["accel"][:, 1:], walk["gyro"][:, 1:]])
+    return {"a.csv": samples.text_of("stamp.secs,stamp.nsecs,x,y,z,gx,gy,gz", columns, form="%.12g")}
+
+
+def folders_of_sensors(walk: Rows) -> samples.Files:
+    names = {"Acelerómetro": "accel", "Giroscopio": "gyro"}
+    return {f"{name}/data.csv": samples.text_of("tiempo,x,y,z", walk[sensor]) for name, sensor in names.items()}
+
+
 def kinds(walk: Rows, header: str, *names: str) -> samples.Files:
     lines = [header] if header else []
     for a, w in zip(walk["accel"], walk["gyro"], strict=True):
@@ -272,7 +284,7 @@ def odd_lines(walk: Rows) -> samples.Files:
 
 
 DOORS = (imu_recorder, meta_base, gnss_logger, wit_motion, mars, table_and_labels, xsens_commas, shimmer)
-DOORS += (kinds_in_a_column, kinds_as_numbers, kinds_without_a_header, odd_lines)
+DOORS += (stamps_of_ros, folders_of_sensors, kinds_in_a_column, kinds_as_numbers, kinds_without_a_header, odd_lines)
 
 
 @pytest.mark.parametrize("write", DOORS, ids=lambda write: write.__name__)

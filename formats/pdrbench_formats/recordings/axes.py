@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
-from pdrbench.sensors.checks import MAX_ROWS, Finding
+from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, Finding, windows
 
 _BIN_S: Final = 0.04
 _BLOCK: Final = 100  # bins, 4 s: a turn around a corner, while a bias of 1 degree/s turns by 4 degrees
@@ -30,6 +30,9 @@ _MAX_SHAKING: Final = 1.06  # mean length of specific force against gravity; pho
 _FIELD_UT: Final = (20.0, 75.0)
 _MOST: Final = 1e4  # s, rad/s, m/s^2, uT: what a damaged file holds must not overflow
 _DEGREE: Final = np.pi / 180.0
+_HUGE: Final = 1e12  # in any unit
+_WINDOW_S: Final = 0.5  # a step, over which shaking cancels
+_DEGREES_BELOW: Final = 0.13  # of the factor between rates in rad/s, 1, and in degrees, 0.017: their geometric mean
 _FACTORS: Final = (1.0, -1.0, _DEGREE, 1.0 / _DEGREE)  # by which rates are tried
 _AS_GIVEN: Final = ((0, 1, 2), (1.0, 1.0, 1.0))
 
@@ -163,3 +166,28 @@ def _attitudes(omega: FloatArray) -> FloatArray:
     for place in range(1, omega.shape[1]):
         begin[:, place] = multiply(begin[:, place - 1], whole[:, place - 1])
     return multiply(begin, half)
+
+
+def turns_in_degrees(gyro: FloatArray, accel: FloatArray) -> bool:
+    """Whether rates (T, 4), read as rad/s, are degrees by what they do to gravity, in whatever unit `accel` is.
+
+    Over windows of half a second the direction of gravity, (K, 3), turns by w x g dt: the factor of least squares
+    between that and what it does, 1 for rad/s and 0.017 for degrees, where the device tilts at all.
+    """
+    if min(len(gyro), len(accel)) < MIN_ROWS or any((np.diff(rows[:, 0]) < 0).any() for rows in (gyro, accel)):
+        return False
+    begin_s = [min(gyro[0, 0], accel[0, 0]), 0.0, 0.0, 0.0]
+    means = [windows(np.clip(rows - begin_s, -_HUGE, _HUGE), _WINDOW_S)[0] for rows in (accel, gyro)]
+    num = min(map(len, means))
+    means = [part[:num] for part in means]
+    up = means[0] / np.maximum(np.linalg.norm(means[0], axis=1, keepdims=True), 1e-9)
+    predicted = np.cross(up[:-1] + up[1:], means[1][:-1] + means[1][1:]) * (_WINDOW_S / 4.0)
+    turned = np.diff(up, axis=0)
+    whole = np.isfinite(predicted).all(axis=1) & np.isfinite(turned).all(axis=1)
+    predicted, turned = predicted[whole].ravel(), turned[whole].ravel()
+    power = float(predicted @ predicted)
+    if len(predicted) < 9 or not power:
+        return False
+    factor = float(predicted @ turned) / power
+    sigma = float(np.std(turned - factor * predicted)) / power**0.5
+    return bool(2.0 * sigma < factor < _DEGREES_BELOW - 3.0 * sigma)

@@ -13,7 +13,8 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS, windows
+from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS
+from pdrbench_formats.recordings.axes import turns_in_degrees
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
@@ -49,8 +50,6 @@ _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
 _SAMPLED_S: Final = (1e-3, 0.05)  # of inertial sensors: 1000 to 20 Hz
 _RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
-_WINDOW_S: Final = 0.5  # a step, over which shaking cancels
-_DEGREES_BELOW: Final = 0.13  # of the factor between rates in rad/s, 1, and in degrees, 0.017: their geometric mean
 
 
 def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> tuple[ColumnMap | None, list[str]]:
@@ -82,6 +81,13 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         for key, axes in groups.items()
         if axes.keys() >= set("wxyz" if key[1] == "rotation" else "xyz")
     }
+    bases = {base: name for name, (base, _) in reversed(named.items())}
+    plain = [bases.get(axis, "") for axis in "xyz"]
+    kinds = {key[1] for key in whole}
+    if all(plain) and "gyro" in kinds and not kinds & {"accel", "linear"} and _is_force(table, plain):
+        whole[2, "accel", ""] = tuple(plain)
+        bases = {base: name for base, name in bases.items() if name not in plain}
+        assumed.append("accel")
     for kind in ("accel", "gravity", "gyro", "mag", "rotation"):
         of = {
             key: names for key, names in whole.items() if key[1] in ((kind, "linear") if kind == "accel" else (kind,))
@@ -95,7 +101,6 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
             found[kind] = of[best]
             if sum(key[:2] == best[:2] for key in of) > 1:
                 assumed.append(kind)
-    bases = {base: name for name, (base, _) in reversed(named.items())}
     baro = next((bases[base] for base in _BARO_NAMES if base in bases), None)
     if baro is None and sensor == "baro":
         baro = next((bases[base] for base in ("x", *_FILLERS) if base in bases), None)
@@ -216,7 +221,7 @@ def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
     if not times or len(names) < times[0] + 4:
         return None
     vectors = [tuple(names[k : k + 3]) for k in range(times[0] + 1, len(names) - 2, 3)]
-    force = next((vector for vector in vectors if has_gravity(table, vector) and _is_gravity_long(table, vector)), None)
+    force = next((vector for vector in vectors if _is_force(table, vector)), None)
     if force is None:
         return None
     found: dict[str, Any] = {"time": names[times[0]], "accel": force, "header_line": 0}
@@ -309,8 +314,10 @@ def has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
     return lengths[0] > 0.6 * lengths[1]
 
 
-def _is_gravity_long(table: DelimitedTable, names: Sequence[str]) -> bool:
-    """Whether a vector is usually as long as gravity in one of the units of acceleration."""
+def _is_force(table: DelimitedTable, names: Sequence[str]) -> bool:
+    """Whether a vector has gravity, and is usually as long as that in one of the units of acceleration."""
+    if not has_gravity(table, names):
+        return False
     usual = float(np.median(np.sqrt((_seen(table, names) ** 2).sum(axis=1))))
     return any(0.8 < usual * factor / UNITS["accel_unit"]["g"] < 1.25 for factor in UNITS["accel_unit"].values())
 
@@ -422,28 +429,3 @@ def _in_degrees(table: DelimitedTable, found: Mapping[str, Any], size: FloatArra
         return False
     whole = np.isfinite(np.column_stack(rows)).all(axis=1)
     return turns_in_degrees(rows[0][whole], rows[1][whole])
-
-
-def turns_in_degrees(gyro: FloatArray, accel: FloatArray) -> bool:
-    """Whether rates (T, 4), read as rad/s, are degrees by what they do to gravity, in whatever unit `accel` is.
-
-    Over windows of half a second the direction of gravity, (K, 3), turns by w x g dt: the factor of least squares
-    between that and what it does, 1 for rad/s and 0.017 for degrees, where the device tilts at all.
-    """
-    if min(len(gyro), len(accel)) < MIN_ROWS or any((np.diff(rows[:, 0]) < 0).any() for rows in (gyro, accel)):
-        return False
-    begin_s = [min(gyro[0, 0], accel[0, 0]), 0.0, 0.0, 0.0]
-    means = [windows(np.clip(rows - begin_s, -_MOST, _MOST), _WINDOW_S)[0] for rows in (accel, gyro)]
-    num = min(map(len, means))
-    means = [part[:num] for part in means]
-    up = means[0] / np.maximum(np.linalg.norm(means[0], axis=1, keepdims=True), 1e-9)
-    predicted = np.cross(up[:-1] + up[1:], means[1][:-1] + means[1][1:]) * (_WINDOW_S / 4.0)
-    turned = np.diff(up, axis=0)
-    whole = np.isfinite(predicted).all(axis=1) & np.isfinite(turned).all(axis=1)
-    predicted, turned = predicted[whole].ravel(), turned[whole].ravel()
-    power = float(predicted @ predicted)
-    if len(predicted) < 9 or not power:
-        return False
-    factor = float(predicted @ turned) / power
-    sigma = float(np.std(turned - factor * predicted)) / power**0.5
-    return bool(2.0 * sigma < factor < _DEGREES_BELOW - 3.0 * sigma)

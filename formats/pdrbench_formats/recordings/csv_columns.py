@@ -37,6 +37,7 @@ from pdrbench_formats.recordings.joined import SensorTable, by_kind, join_tables
 _MIN_NAMED = 4  # columns: a time and a vector
 _MAX_SEARCHED: Final = 20  # tables of a folder for the one with both inertial sensors
 _PEEK_BYTES: Final = 32_768  # of such a table
+_UNKNOWN: Final = ColumnMap()  # whose separator, decimals and header are found
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
 
 
@@ -63,8 +64,7 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
     tally.skipped.update(dict.fromkeys(container.sizes.keys() - {name}, 1))
     if columns is not None:
         known = read_column_map(columns)
-        table = _table(content, path, known.separator, known.decimal, known.header_line)
-        return read_mapped(path, table, known, tally=tally, strict=strict)
+        return read_mapped(path, _table(content, path, known), known, tally=tally, strict=strict)
     table, sensor = _headed_table(content, path)
     found, assumed = guess(table, sensor)
     if found is None and (parts := by_kind(table)):
@@ -86,7 +86,7 @@ def _headed_table(content: bytes, path: Path) -> tuple[DelimitedTable, str]:
     try:
         return _table(content, path), ""
     except NoHeaderError as error:
-        table, sensor = _table(content, path, header_line=0), sensor_in(path.stem)
+        table, sensor = _table(content, path, ColumnMap(header_line=0)), sensor_in(path.stem)
         if sensor in SAMPLED:
             return named_by_place(table, sensor), sensor
         if by_kind(table):
@@ -141,9 +141,10 @@ def _read_tables(path: Path, container: Container, members: Mapping[str, str], t
 
 
 def _tables(container: Container) -> dict[str, str]:
-    """Sensor by member, of text files whose names say one; "" of the only one whose columns do, where no two do."""
+    """Sensor by member, of texts whose names or folders say one; "" of the only one whose columns do, else."""
     texts = [name for name in container.names() if name.lower().endswith((".csv", ".txt", ".tsv"))]
-    kinds = {name: kind for name in texts if (kind := sensor_in(PurePosixPath(name).stem)) in SAMPLED}
+    words = {name: reversed(PurePosixPath(name).with_suffix("").parts) for name in texts}
+    kinds = {name: kind for name in texts if (kind := next(filter(None, map(sensor_in, words[name])), "")) in SAMPLED}
     if {"accel", "gyro"} <= set(kinds.values()) or len(texts) > _MAX_SEARCHED:
         return kinds
     inertial = [name for name in texts if _is_inertial(container, name)]
@@ -188,14 +189,9 @@ def column_map_of(path: Path | str) -> str:
     )
 
 
-def _table(
-    content: bytes,
-    path: Path,
-    separator: str | None = None,
-    decimal: str | None = None,
-    header_line: int | None = None,
-) -> DelimitedTable:
-    table = read_delimited(content, path, separator=separator, decimal=decimal, header_line=header_line)
+def _table(content: bytes, path: Path, known: ColumnMap = _UNKNOWN) -> DelimitedTable:
+    separator, decimal, line = known.separator, known.decimal, known.header_line
+    table = read_delimited(content, path, separator=separator, decimal=decimal, header_line=line)
     if not len(table):
         raise RecordingError(f"{path}: line {table.first_line}: no rows below the header; export the file again")
     return table

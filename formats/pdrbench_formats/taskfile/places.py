@@ -29,8 +29,8 @@ FRAMES: Final = (("x_m", "y_m"), ("lat_deg", "lon_deg"))
 EXAMPLE: Final = "t_s,x_m,y_m,level"
 SENDER, STRENGTH = "access_point", "rssi_dbm"
 _ALIASES: Final = {  # without capitals, blanks and unit
-    "x_m": ("x", "xm", "tx", "px", "posx", "positionx", "gtx", "refx", "east", "easting", "ecoord", "prsrx"),
-    "y_m": ("y", "ym", "ty", "py", "posy", "positiony", "gty", "refy", "north", "northing", "ncoord", "prsry"),
+    "x_m": ("x", "xm", "tx", "px", "posx", "positionx", "gtx", "refx", "e", "east", "easting", "ecoord", "prsrx"),
+    "y_m": ("y", "ym", "ty", "py", "posy", "positiony", "gty", "refy", "n", "north", "northing", "ncoord", "prsry"),
     "lat_deg": ("lat", "latdeg", "latitude", "currentlatitude"),
     "lon_deg": ("lon", "lng", "long", "londeg", "longitude", "currentlongitude"),
     "level": LEVEL_NAMES,
@@ -144,14 +144,14 @@ def places_in(table: DelimitedTable) -> tuple[FloatArray, IntArray, GeoFrame | N
 
 
 def finite(table: DelimitedTable, name: str, usual: float | None = None) -> FloatArray:
-    """(N,) one column without an empty field; `usual` where there is none.
+    """(N,) one column without an empty field; `usual` where there is none, or it holds no number.
 
     Raises:
         RecordingError: A field is no finite number.
     """
-    if usual is not None and name not in table.columns:
+    numbers = table.numbers(name) if name in table.columns else np.full(len(table), np.nan)
+    if usual is not None and not np.isfinite(numbers).any():
         return np.full(len(table), usual)
-    numbers = table.numbers(name)
     if not np.isfinite(numbers).all():
         row = int(np.flatnonzero(~np.isfinite(numbers))[0])
         raise table.error(row, f"{name} is {table.texts(name)[row]!r}, no finite number; leave the line out")
