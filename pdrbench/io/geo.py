@@ -77,4 +77,4 @@ class GeoFrame:
 
 def frame_at(lat_deg: ArrayLike, lon_deg: ArrayLike) -> GeoFrame:
     """A frame near the middle of places (N,), at a whole hundredth of a degree: files of one site often share it."""
-    return GeoFrame(*(float(np.round((np.min(deg) + np.max(deg)) / 2.0, 2)) for deg in (lat_deg, lon_deg)))
+    return GeoFrame(*(float(np.round((np.nanmin(deg) + np.nanmax(deg)) / 2.0, 2)) for deg in (lat_deg, lon_deg)))

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdrbench.trajectory import Estimates
+from pdrbench_formats.export import write_path
+
 T_S = np.arange(0.0, 120.0)
 XY_M = np.column_stack([20 * np.sin(T_S / 9), 12 * np.cos(T_S / 5)])
 
@@ -18,6 +21,11 @@ def table(path: Path, header: str, rows: Any, delimiter: str = ",") -> Path:
 
 
 def written(folder: Path, kind: str, xy_m: Any) -> Path:
+    if kind == "own csv":  # every second answer is missing, as `convert` writes them
+        level = np.tile([0.0, np.nan], len(T_S))
+        nothing, twice_m = 0 * level + np.nan, np.repeat(xy_m, 2, axis=0) + level[:, None]
+        write_path(folder / "a.csv", Estimates(np.arange(0.0, 120.0, 0.5), twice_m, level, nothing, nothing, nothing))
+        return folder / "a.csv"
     if kind == "csv":
         return table(folder / "mine.csv", "t_s,x_m,y_m", np.column_stack([T_S, xy_m]))
     if kind == "tum":
@@ -30,7 +38,7 @@ def written(folder: Path, kind: str, xy_m: Any) -> Path:
     return folder / "mine.mat"
 
 
-@pytest.mark.parametrize("kind", ["csv", "tum", "matrix", "vectors"])
+@pytest.mark.parametrize("kind", ["csv", "own csv", "tum", "matrix", "vectors"])
 def test_a_constant_offset_is_what_it_is(command: Any, tmp_path: Path, kind: str) -> None:
     truth = table(tmp_path / "truth.csv", "t_s;x_m;y_m", np.column_stack([T_S, XY_M]), ";")
     found = command("score", written(tmp_path, kind, XY_M + 5.0), "--truth", truth, "--json").json

@@ -53,6 +53,12 @@ def ring() -> Building:
 
 
 @pytest.fixture(scope="session")
+def corridor() -> Building:
+    """A corridor of 120 m."""
+    return Building("corridor", (make_room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
+
+
+@pytest.fixture(scope="session")
 def two_rooms() -> Building:
     """Two rooms of 4 m by 4 m with a door of 0.9 m between them, and a third, unreachable one."""
     west = make_room("west", [(0, 0), (4, 0), (4, 1), (4, 1.9), (4, 4), (0, 4)], neighbour={2: 1})

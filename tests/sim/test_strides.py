@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.building import Building
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import (
@@ -110,11 +109,6 @@ def test_rests_are_reported_for_as_long_as_asked(feet):
         assert (reported >= rests.begin_s - 1e-9).all()
         assert (reported <= rests.mid_s + 1e-9).all()
         assert (reported[1:] + 0.2 < rests.end_s[1:]).all()
-
-
-@pytest.fixture(scope="module")
-def corridor(room):
-    return Building("corridor", (room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
 
 
 def feet_in(corridor, person, walk, gait=NATURAL_GAIT, seed=0, times=1):

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.building import Building
 from pdrbench_sim.buildings.office import OfficeParams, make_office
 from pdrbench_sim.buildings.walls import walls_along
 from pdrbench_sim.people.body_line import resample
@@ -130,11 +129,6 @@ def test_the_band_agrees_with_a_readable_reference(office, mesh):
 
 
 # What is off by default.
-
-
-@pytest.fixture(scope="module")
-def corridor(room):
-    return Building("corridor", (room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
 
 
 def there_and_back(corridor, person, params, seed=0, times=3):

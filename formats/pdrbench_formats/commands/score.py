@@ -49,9 +49,7 @@ def score(
             reference = dataclasses.replace(reference, t_s=reference.t_s + truth_offset)
             building, mounting, fallback = None, "", Start(reference.xy_m[0], int(reference.level[0]))
             if (geo is None) != (own_geo is None):
-                raise RecordingError(
-                    f"{track} and {truth}: one has degrees, the other metres; give both in one of them"
-                )
+                raise RecordingError(f"{track} and {truth}: one has degrees, the other metres; give both in one")
             if geo is not None and own_geo is not None:
                 made = dataclasses.replace(made, xy_m=own_geo.to_local(*geo.to_geo(made.xy_m)))
         else:
@@ -117,9 +115,7 @@ def _matlab(path: Path) -> FloatArray:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
-    remedy = (
-        "save a matrix with the columns t, x, y (and level), or vectors of these names: save('track.mat', '-v7', ...)"
-    )
+    remedy = "save a matrix with columns t, x, y (and level), or vectors of these names: save('track.mat', '-v7', ...)"
     try:
         found = {name.lower(): value for name, value in loadmat(path).items() if isinstance(value, np.ndarray)}
     except (OSError, ValueError, NotImplementedError, MatReadError, TypeError) as error:

@@ -298,10 +298,11 @@ def _layout_by(lines: list[str], separator: str) -> Layout | None:
         return None
     width = Counter(len(fields[place]) for place in rows).most_common(1)[0][0]
     first = next(place for place in rows if len(fields[place]) == width)
+    most = width + 1 if separator == BLANKS else max(width, lines[first].count(separator)) + 1  # the last may be empty
     above = [
         place
         for place in range(first)
-        if width <= len(fields[place]) <= width + 1 and not numeric[place] and not any(map(_is_number, fields[place]))
+        if width <= len(fields[place]) <= most and not numeric[place] and not any(map(_is_number, fields[place]))
     ]
     header = next((place for place in above if not lines[place].startswith(COMMENTS)), *above[:1] or (None,))
     if header is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.container import open_container
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.text import clean_text
@@ -90,7 +90,7 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
     """Places from a table, in any dialect that recordings are read in: `t_s,x_m,y_m,level`, TUM, dates, degrees.
 
     Args:
-        path: Of the table. Without a column of levels all is on level 0.
+        path: Of the table. Without a column of levels all is on level 0; rows without a place are left out.
         start_unix_s: Time 0 of the walk in seconds since 1970; needed for times since 1970.
 
     Returns:
@@ -101,12 +101,14 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
     """
     table = read_table(path, EXAMPLE)
     clock = next((name for name in CLOCKS if name in table.columns), None)
-    if clock is None or not has_places(table.columns):
+    if clock is None or not (frame := place_columns(table.columns)):
         raise RecordingError(
             f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of places has {EXAMPLE}, with unix_s "
             f"or unix_ms for times since 1970 and lat_deg,lon_deg for degrees"
         )
-    t_s = finite(table, clock) * CLOCKS[clock]
+    known = np.asarray(np.isfinite(table.table(frame)).any(axis=1))
+    known |= not known.any()
+    t_s = finite(table, clock, known=known) * CLOCKS[clock]
     if clock != "t_s":
         if start_unix_s is None:
             raise RecordingError(
@@ -114,37 +116,36 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
                 f"seconds from its first row"
             )
         t_s = t_s - start_unix_s
-    xy_m, level, geo = places_in(table)
-    order = np.argsort(t_s, kind="stable")
-    is_surveyed = np.ones(len(t_s), dtype=np.bool_)
+    xy_m, level, geo = places_in(table, known)
+    order = np.flatnonzero(known)[np.argsort(t_s[known], kind="stable")]
     try:
-        return Trajectory(t_s[order], xy_m[order], level[order], is_surveyed), geo
+        return Trajectory(t_s[order], xy_m[order], level[order], np.ones(len(order), dtype=np.bool_)), geo
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
 
 
-def has_places(names: Collection[str]) -> bool:
-    """True where there are columns of places."""
-    return any(set(pair) <= set(names) for pair in FRAMES)
+def place_columns(names: Collection[str]) -> Sequence[str]:
+    """The pair of columns of places, () where there is none."""
+    return next((pair for pair in FRAMES if set(pair) <= set(names)), ())
 
 
-def places_in(table: DelimitedTable) -> tuple[FloatArray, IntArray, GeoFrame | None]:
-    """Metres (N, 2) and level (N,) of the places of a table, and their frame where they are degrees."""
-    frame = next(pair for pair in FRAMES if set(pair) <= set(table.columns))
-    xy = np.column_stack([finite(table, name) for name in frame])
-    level = finite(table, "level", 0.0)
-    if (level != np.rint(level)).any():
-        row = int(np.flatnonzero(level != np.rint(level))[0])
+def places_in(table: DelimitedTable, known: BoolArray | bool = True) -> tuple[FloatArray, IntArray, GeoFrame | None]:
+    """Metres (N, 2) and level (N,), which rows that are not `known` may lack, and a frame where there are degrees."""
+    frame = place_columns(table.columns)
+    xy = np.column_stack([finite(table, name, known=known) for name in frame])
+    level = finite(table, "level", 0.0, known)
+    if (odd := known & (level != np.rint(level))).any():
+        row = int(odd.argmax())
         raise table.error(row, f"a level is a whole number, 0 for the ground; got {level[row]:g}")
     geo = None
     if frame != FRAMES[0]:
         geo = frame_at(xy[:, 0], xy[:, 1])
         xy = geo.to_local(xy[:, 0], xy[:, 1])
-    return xy, level.astype(np.int64), geo
+    return xy, np.nan_to_num(level).astype(np.int64), geo
 
 
-def finite(table: DelimitedTable, name: str, usual: float | None = None) -> FloatArray:
-    """(N,) one column without an empty field; `usual` where there is none, or it holds no number.
+def finite(table: DelimitedTable, name: str, usual: float | None = None, known: BoolArray | bool = True) -> FloatArray:
+    """(N,) one column, with a number in rows that are `known`; `usual` where there is none, or it has no number.
 
     Raises:
         RecordingError: A field is no finite number.
@@ -152,8 +153,8 @@ def finite(table: DelimitedTable, name: str, usual: float | None = None) -> Floa
     numbers = table.numbers(name) if name in table.columns else np.full(len(table), np.nan)
     if usual is not None and not np.isfinite(numbers).any():
         return np.full(len(table), usual)
-    if not np.isfinite(numbers).all():
-        row = int(np.flatnonzero(~np.isfinite(numbers))[0])
+    if (odd := known & ~np.isfinite(numbers)).any():
+        row = int(odd.argmax())
         raise table.error(row, f"{name} is {table.texts(name)[row]!r}, no finite number; leave the line out")
     return numbers
 

@@ -23,7 +23,7 @@ from pdrbench_formats.taskfile.places import (
     SENDER,
     STRENGTH,
     finite,
-    has_places,
+    place_columns,
     places_in,
     read_table,
     senders,
@@ -150,7 +150,8 @@ def is_survey_table(path: Path) -> bool:
     with path.open("rb") as file:
         content = from_utf16(file.read(MAX_HEADER_BYTES))
     names = table_names(content)
-    return bool(names & {SENDER, STRENGTH}) or (has_places(names) and (not names & set(CLOCKS) or bool(senders(names))))
+    has_places = bool(place_columns(names)) and (not names & set(CLOCKS) or bool(senders(names)))
+    return bool(names & {SENDER, STRENGTH}) or has_places
 
 
 def _by_reading(table: DelimitedTable) -> DelimitedTable:
@@ -185,7 +186,7 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
         RecordingError: Names file, line and remedy.
     """
     table = _by_reading(read_table(path, SURVEY_EXAMPLE))
-    if not has_places(table.columns) or not {SENDER, STRENGTH} <= set(table.columns):
+    if not place_columns(table.columns) or not {SENDER, STRENGTH} <= set(table.columns):
         raise RecordingError(
             f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of a survey has {SURVEY_EXAMPLE}, "
             f"with lat_deg,lon_deg for degrees"
