@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pdrbench.building import Building
 from pdrbench.errors import MapError, RecordingError, not_loaded
 from pdrbench.io import READERS
+from pdrbench.io.compressed import found_file
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import HEAD_BYTES, Head, head_of
@@ -96,7 +97,7 @@ def unpacked(path: Path) -> Iterator[Path]:
     container = head_of(path).container if path.exists() else None
     name = "" if container is None else _only_member(path, container)
     if container is None or not name or not container.is_zip:
-        yield path / container.prefix / name if container is not None and name else path
+        yield found_file(path / container.prefix / name) if container is not None and name else path
         return
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / PurePosixPath(name.replace(":", "-")).name  # Windows has drives and streams there
@@ -114,13 +115,16 @@ def _only_member(path: Path, container: Container) -> str:
         return names[0]
     if container.is_file or len(names) > _MAX_SEARCHED:
         return ""
+    from pdrbench_formats.recordings.csv_columns import is_inertial
+
     readers = [READERS[name] for name in READERS if name not in READERS.broken()]
     logs = [reader for reader in readers if "strict" in reader.options and not reader.fallback]
     with contextlib.suppress(RecordingError):
         head = head_of(path)
         if not any(reader.sniff(head) for reader in readers):
             heads = {name: Head(path / name, container.read(name, HEAD_BYTES)) for name in names}
-            found = [name for name, head in heads.items() if any(reader.sniff(head) for reader in logs)]
+            logs_of = {name: any(reader.sniff(head) for reader in logs) for name, head in heads.items()}
+            found = [name for name, head in heads.items() if logs_of[name] or is_inertial(head.content, head.path)]
             return found[0] if len(found) == 1 else ""
     return ""
 

@@ -94,6 +94,7 @@ class TestTables:
             ("time_ms,gyr_x_dps,gyr_y_dps,gyr_z_dps", {"time_unit": "ms", "gyro_unit": "deg/s"}),
             ("#time,AccX,AccY,AccZ,MagX (uT),MagY (uT),MagZ (uT)", {"mag_unit": "uT"}),
             ("loggingTime,foo,bar,baz", {}),
+            ("time_ms,accelerometer_0 (g),accelerometer_1 (g),accelerometer_2 (g)", {"accel_unit": "g"}),
         ],
     )
     def test_names_of_columns(self, header: str, expected: dict[str, str], tmp_path: Path) -> None:

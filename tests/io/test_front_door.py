@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import re
 import tomllib
@@ -225,7 +226,8 @@ def table_and_labels(walk: Rows) -> samples.Files:
     pulse = np.where(np.arange(len(walk["accel"])) % 100 == 50, 70.0, np.nan)
     columns = np.column_stack([walk["accel"] + [7.2e8, 0, 0, 0], walk["gyro"][:, 1:], pulse, pulse, pulse])
     text = samples.text_of("timestamp,ax,ay,az,gx,gy,gz,pulse,lap,speed", columns, form="%.12g").replace(b"nan", b"")
-    return {"day/walk.csv": text, "day/labels.csv": b"t,what\n0,walk\n1,stop\n", "day/gps.csv": b"t,lat,lon\n0,48,11\n"}
+    labels, places = b"t,what\n0,walk\n1,stop\n", b"t,lat,lon\n0,48,11\n"
+    return {"day/walk.csv.gz": gzip.compress(text), "day/labels.csv": labels, "day/gps.csv": places}
 
 
 def xsens_commas(walk: Rows) -> samples.Files:

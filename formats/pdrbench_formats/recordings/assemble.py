@@ -48,14 +48,11 @@ class Tally:
 
 
 def note_guesses(tally: Tally, guesses: Sequence[str]) -> None:
-    """Finding "columns-guessed" of what numbers alone say of a table."""
-    tally.note(
-        "warning",
-        "columns-guessed",
-        "header",
-        f"what the header does not state was concluded from the numbers: {', '.join(guesses)}",
-        "check it with `pdrbench inspect`, which prints a column map to keep",
-    )
+    """Finding "columns-guessed" of what numbers alone say of a table; none where that is nothing."""
+    seen = f"what the header does not state was concluded from the numbers: {', '.join(guesses)}"
+    remedy = "check it with `pdrbench inspect`, which prints a column map to keep"
+    if guesses:
+        tally.note("warning", "columns-guessed", "header", seen, remedy)
 
 
 def note_face_down(tally: Tally, force: FloatArray, remedy: str) -> None:

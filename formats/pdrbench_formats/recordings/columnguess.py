@@ -65,6 +65,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         the numbers alone, or chosen among several that it might be.
     """
     named = {name: split_unit(name) for name in table.columns}
+    named |= _by_number(named)
     named |= {name: (named[name][0], unit.strip("()[] ").lower()) for name, unit in table.units.items() if unit}
     found: dict[str, Any] = {}
     assumed: list[str] = []
@@ -132,6 +133,15 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
             unit = unit_of(f"{kind}_unit", named[name][1])
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
     return ColumnMap(**found), assumed
+
+
+def _by_number(named: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """The names and units whose names end in 0, 1, 2 or in 1, 2, 3, with the axes x, y, z in their place."""
+    bases = [base for base, _ in named.values() if len(base) > 1]
+    ends = {base[:-1]: "".join(sorted(one[-1] for one in bases if one[:-1] == base[:-1])) for base in bases}
+    numbered = [(stem, digits) for stem, digits in ends.items() if digits in ("012", "123")]
+    axes = {f"{stem}{digits[k]}": f"{stem}{'xyz'[k]}" for stem, digits in numbered for k in range(3)}
+    return {name: (axes[base], unit) for name, (base, unit) in named.items() if base in axes}
 
 
 def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:

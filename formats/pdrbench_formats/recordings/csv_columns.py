@@ -15,7 +15,7 @@ fields empty; latitude and longitude, which are what the phone took for its plac
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -35,8 +35,7 @@ from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHead
 from pdrbench_formats.recordings.joined import SensorTable, by_kind, join_tables
 
 _MIN_NAMED = 4  # columns: a time and a vector
-_MAX_SEARCHED: Final = 20  # tables of a folder for the one with both inertial sensors
-_PEEK_BYTES: Final = 32_768  # of such a table
+_PEEK_BYTES: Final = 32_768  # of a table that may hold both inertial sensors
 _UNKNOWN: Final = ColumnMap()  # whose separator, decimals and header are found
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
 
@@ -54,14 +53,11 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
     """
     path, tally = Path(path), Tally()
     container = open_container(path)
-    members = {path.name: ""} if container.is_file else _tables(container)
-    if set(members.values()) != {""}:
+    if not container.is_file:
         if columns is not None:
             raise RecordingError(f"{path}: a column map is for one table; name one of the files in it")
-        return _read_tables(path, container, members, tally, strict=strict)
-    (name,) = members
-    content, path = container.read(name), container.label(name)
-    tally.skipped.update(dict.fromkeys(container.sizes.keys() - {name}, 1))
+        return _read_tables(path, container, tally, strict=strict)
+    content = container.read(path.name)
     if columns is not None:
         known = read_column_map(columns)
         return read_mapped(path, _table(content, path, known), known, tally=tally, strict=strict)
@@ -75,8 +71,7 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
     _check_time(path, table, found, assumed)
-    if assumed:
-        note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
+    note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
 
@@ -120,10 +115,10 @@ def _indented(columns: ColumnMap) -> str:
     return "".join(f"    {line}\n" for line in columns.toml().splitlines())
 
 
-def _read_tables(path: Path, container: Container, members: Mapping[str, str], tally: Tally, *, strict: bool) -> Log:
+def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool) -> Log:
     """A table for each sensor, in files that are named after it; all on one clock."""
     tables: list[SensorTable] = []
-    for name, sensor in members.items():
+    for name, sensor in _tables(container).items():
         content, label = container.read(name), container.label(name)
         try:
             try:
@@ -141,21 +136,17 @@ def _read_tables(path: Path, container: Container, members: Mapping[str, str], t
 
 
 def _tables(container: Container) -> dict[str, str]:
-    """Sensor by member, of texts whose names or folders say one; "" of the only one whose columns do, else."""
+    """Sensor by member, of texts whose names or folders say one."""
     texts = [name for name in container.names() if name.lower().endswith((".csv", ".txt", ".tsv"))]
     words = {name: reversed(PurePosixPath(name).with_suffix("").parts) for name in texts}
-    kinds = {name: kind for name in texts if (kind := next(filter(None, map(sensor_in, words[name])), "")) in SAMPLED}
-    if {"accel", "gyro"} <= set(kinds.values()) or len(texts) > _MAX_SEARCHED:
-        return kinds
-    inertial = [name for name in texts if _is_inertial(container, name)]
-    return {inertial[0]: ""} if len(inertial) == 1 else kinds
+    kinds = {name: next(filter(None, map(sensor_in, words[name])), "") for name in texts}
+    return {name: kind for name, kind in kinds.items() if kind in SAMPLED}
 
 
-def _is_inertial(container: Container, name: str) -> bool:
-    """Whether the columns of a member, by its first rows, are a time and both inertial sensors."""
-    begin = container.read(name, _PEEK_BYTES)
+def is_inertial(content: bytes, path: Path) -> bool:
+    """Whether the columns of a table, by its first rows, are a time and both inertial sensors."""
     try:
-        found, _ = guess(read_delimited(begin[: begin.rfind(b"\n") + 1], container.label(name)))
+        found, _ = guess(read_delimited(content[: content.rfind(b"\n", 0, _PEEK_BYTES) + 1], path))
     except RecordingError:
         return False
     return found is not None and bool(found.time and found.accel and found.gyro)
@@ -173,11 +164,9 @@ def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
 
 def column_map_of(path: Path | str) -> str:
     """The map that is guessed for a table, as TOML; "" where none is recognised."""
-    path = Path(path)
-    if path.is_dir() or open_container(path).is_zip:
-        return ""
+    path, container = Path(path), open_container(Path(path))
     try:
-        found, assumed = guess(_table(open_container(path).read(path.name), path))
+        found, assumed = guess(_table(container.read(path.name), path)) if container.is_file else (None, [])
     except NoHeaderError:
         return ""
     if found is None:
@@ -201,11 +190,9 @@ def sniff(head: Head) -> bool:
     """True for rows of numbers in at least four columns, and for a folder with a table of each inertial sensor."""
     if head.container is not None:
         tables = _tables(head.container)
-        if "" in tables.values():
-            return True
-        is_inertial = "accel" in tables.values() and "gyro" in tables.values()
-        found = {kind for name, kind in tables.items() if _layout_of(head.peek(name), head.path)}
-        return is_inertial and {"accel", "gyro"} <= found
+        if not {"accel", "gyro"} <= set(tables.values()):
+            return False
+        return {"accel", "gyro"} <= {kind for name, kind in tables.items() if _layout_of(head.peek(name), head.path)}
     layout = _layout_of(head.content, head.path)
     return layout is not None and len(layout.names) >= _MIN_NAMED
 

@@ -112,8 +112,7 @@ def join_tables(
         if sources["gyro"].columns.gyro_unit == "rad/s" and turns_in_degrees(streams["gyro"], streams["accel"]):
             streams["gyro"][:, 1:] *= degrees
             guesses = [guess.replace("gyro_unit 'rad/s'", "gyro_unit 'deg/s'") for guess in guesses]
-    if guesses:
-        note_guesses(tally, guesses)
+    note_guesses(tally, guesses)
     if "accel" in streams and "rotation" not in streams and not sources["accel"].lacks_gravity:
         note_face_down(tally, streams["accel"][:, 1:], "turn the three columns round, with a minus in a column map")
     origin = Origin(device, unix_s(begin_s))
