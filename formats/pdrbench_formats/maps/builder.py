@@ -189,7 +189,7 @@ class BuildingBuilder:
 
     def note(self, kind: str, what: str, level: int | None = None) -> Self:
         """Reports something that was mended before the builder was given it."""
-        self._repairs.add(kind, "level" if level is None else f"level {level}", what, level=level)
+        self._repairs.add(kind, "plan" if level is None else f"level {level}", what, level=level)
         return self
 
     def build(self) -> Building:
