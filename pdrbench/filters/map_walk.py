@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from typing import Any, Final, NamedTuple
 
-import numba
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pdrbench.building.convex import ConvexMap
-from pdrbench.compiled import compiled, compiled_parallel
+from pdrbench.compiled import compiled
 from pdrbench.geometry import BoolArray, FloatArray
 
 CHUNK: Final = 16_384  # particles that one thread takes at a time; fixed, so that results do not depend on threads
@@ -54,30 +52,24 @@ def walk(convex: ConvexMap, from_xy_m: FloatArray, to_xy_m: FloatArray, cell: ND
     x, y = np.ascontiguousarray(from_xy_m[order].T, dtype=np.float32)
     x_end, y_end = np.ascontiguousarray(to_xy_m[order].T, dtype=np.float32)
     cells, weight = cell[order], np.empty(len(order), dtype=np.float32)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)  # some thousand particles take less time than waking another thread
-    try:
-        walk_sorted(convex.world, x, y, x_end, y_end, cells, weight)
-    finally:
-        numba.set_num_threads(threads)
+    walk_sorted(convex.world, x, y, x_end, y_end, cells, weight)
     cell[order] = cells
     is_free = np.empty(len(order), dtype=np.bool_)
     is_free[order] = weight > 0
     return is_free
 
 
-@compiled_parallel
+@compiled
 def walk_sorted(world: Any, x: Any, y: Any, xe: Any, ye: Any, cells: Any, weight: Any) -> None:
     """Walks from (x, y) to (xe, ye), (N,) float32 each.
 
     Sets `cells` (N,) int32 to where the lines end and `weight` (N,) float32 to 1, or to 0 where they hit a wall. Fast
     where particles of the same cell follow one another.
     """
-    for chunk in prange((len(x) + CHUNK - 1) // CHUNK):
-        scratch = new_scratch()
-        for a in range(chunk * CHUNK, min(chunk * CHUNK + CHUNK, len(x)), TILE):
-            b = min(a + TILE, len(x))
-            walk_tile(world, 0.0, np.inf, x[a:b], y[a:b], xe[a:b], ye[a:b], cells[a:b], weight[a:b], scratch)
+    scratch = new_scratch()
+    for a in range(0, len(x), TILE):
+        b = min(a + TILE, len(x))
+        walk_tile(world, 0.0, np.inf, x[a:b], y[a:b], xe[a:b], ye[a:b], cells[a:b], weight[a:b], scratch)
 
 
 @compiled
