@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numba import njit
+from numba import get_num_threads, njit
 from numba.core.dispatcher import Dispatcher
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -22,21 +23,29 @@ def compiled(function: F) -> F:
     constants become part of the compiled code, so the sources of all kernels that the module of the function imports
     are compared, too, and the numbers that are global there. Divisions follow IEEE 754.
     """
-    return _cached(njit(cache=True, error_model="numpy"), function)
-
-
-def compiled_parallel(function: F) -> F:
-    """The same for a function with `numba.prange` loops."""
-    return _cached(njit(cache=True, error_model="numpy", parallel=True), function)
-
-
-def _cached(jit: Callable[[F], Any], function: F) -> F:
-    """Compiles, and adds what a kernel depends on to what Numba compares before it takes code from its cache."""
-    kernel = jit(function)
+    kernel = njit(cache=True, error_model="numpy", nogil=True)(function)
     if isinstance(kernel, Dispatcher):  # a plain function where compilation is disabled
         file = cast(Any, kernel)._cache._cache_file
         file._source_stamp = file._source_stamp, *_dependencies(kernel)
     return cast(F, kernel)
+
+
+def in_threads(kernel: Callable[..., object], count: int, *arguments: Any) -> None:
+    """Divides chunks among as many threads as Numba has: a loop of its own over them takes seconds to compile.
+
+    Args:
+        kernel: Called as `kernel((first, end, thread), *arguments)` with the chunks and the number of a thread.
+        count: Of the chunks.
+        arguments: Of all threads.
+    """
+    threads = max(1, min(get_num_threads(), count))
+    parts = [((count * k // threads, count * (k + 1) // threads, k), *arguments) for k in range(threads)]
+    others = [threading.Thread(target=kernel, args=part) for part in parts[1:]]
+    for other in others:
+        other.start()
+    kernel(*parts[0])
+    for other in others:
+        other.join()
 
 
 def _dependencies(kernel: Any) -> list[str]:

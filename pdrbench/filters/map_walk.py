@@ -15,7 +15,6 @@ from pdrbench.building.convex import ConvexMap
 from pdrbench.compiled import compiled
 from pdrbench.geometry import BoolArray, FloatArray
 
-CHUNK: Final = 16_384  # particles that one thread takes at a time; fixed, so that results do not depend on threads
 TILE: Final = 1024  # particles whose scratch arrays stay in the innermost cache
 MAX_CROSSINGS: Final = 64  # claim W6: more cells than that in one stride are no walk
 MAX_EXPONENT: Final = 80.0  # beyond 12.6 sigma the weight of a height falls no further: only walls give weight 0

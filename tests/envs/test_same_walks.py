@@ -70,11 +70,10 @@ def test_walks_are_their_copies() -> None:
 @pytest.mark.parametrize("kind", ["narrower", "least"])
 def test_walks_are_their_copies_whatever_the_kernels(kind: str) -> None:
     core, without = kernels()[kind]
-    walks = walks_at_hand()[kind == "least" :: 2]  # one of each environment
     variables = {"OPENBLAS_CORETYPE": core, "NPY_DISABLE_CPU_FEATURES": without}
     if kind == "least":  # sines of the C library of Linux, too
         variables["GLIBC_TUNABLES"] = "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F"
-    assert_same(check_elsewhere(COPIES, walks, variables))
+    assert_same(check_elsewhere(COPIES, walks_at_hand()[kind == "least" :: 2], variables))  # one of each environment
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ from __future__ import annotations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import get_thread_id, prange, types  # type: ignore[attr-defined]
+from numba import types
 from numba.experimental import structref
 
-from pdrbench.compiled import compiled, compiled_parallel
+from pdrbench.compiled import compiled
 from pdrbench.filters import kld
-from pdrbench.filters.map_walk import CHUNK, TILE, new_scratch, walk_tile
+from pdrbench.filters.map_walk import TILE, new_scratch, walk_tile
 from pdrbench_baselines.woodman2008.random_numbers import (
     HALF,
     MOTION,
@@ -31,6 +31,7 @@ from pdrbench_baselines.woodman2008.random_numbers import (
     uniform,
     wrap_turns,
 )
+from pdrbench_baselines.woodman2008.resampling import CHUNK
 
 FIRST_BATCH: Final = 0.6  # of the particles that a generation is expected to need come in its first batch
 
@@ -287,13 +288,14 @@ def count_marks(marks: Any) -> int:
     return count
 
 
-@compiled_parallel
+@compiled
 def advance(
-    world: Any, motion: Any, keys: Any, bins: Any, first: int, count: int, old: Any, new: Any, marks: Any
+    part: Any, world: Any, motion: Any, keys: Any, bins: Any, first: int, count: int, old: Any, new: Any, marks: Any
 ) -> None:
     """Propagates and corrects the particles `first` to `first` + `count`, and marks their bins.
 
     Args:
+        part: First chunk, end and thread (`in_threads`).
         world: `World`.
         motion: `Motion`.
         keys: (3,) uint64: two of the generator, number of the generation.
@@ -304,32 +306,26 @@ def advance(
         new: `Particles`; on entry `cell` has the ancestor of each, in place its cell.
         marks: (threads, bins) uint8.
     """
-    for chunk in prange((count + CHUNK - 1) // CHUNK):
-        low = first + chunk * CHUNK
-        high = min(low + CHUNK, first + count)
-        _advance_chunk(world, motion, keys, bins, low, high, old, new, marks[get_thread_id()])
-
-
-@compiled
-def _advance_chunk(
-    world: Any, motion: Any, keys: Any, bins: Any, low: int, high: int, old: Any, new: Any, marks: Any
-) -> None:
-    scratch = new_scratch()
-    for a in range(low, high, TILE):
+    begin, end, thread = part
+    scratch, high = new_scratch(), first + min(end * CHUNK, count)
+    for a in range(first + begin * CHUNK, high, TILE):
         tile = _part(new, a, min(a + TILE, high))
         x, y, _, weight, cell = tile
         from_x, from_y = _propagate_tile(motion, a, keys, old, tile, scratch)
         walk_tile(world, motion.rise, motion.rise_sigma, from_x, from_y, x, y, cell, weight, scratch)
         place = scratch.index[2, : len(x)]
         _bin_tile(bins, tile, place)
-        _mark(marks, place)
+        _mark(marks[thread], place)
 
 
-@compiled_parallel
-def draw_prior(prior: Any, offset: float, keys: Any, bins: Any, first: int, count: int, new: Any, marks: Any) -> None:
+@compiled
+def draw_prior(
+    part: Any, prior: Any, offset: float, keys: Any, bins: Any, first: int, count: int, new: Any, marks: Any
+) -> None:
     """Particles evenly over triangles, systematically over their area, at random inside each; sorted by cell.
 
     Args:
+        part: First chunk, end and thread (`in_threads`).
         prior: `Prior`.
         offset: Of the systematic draw.
         keys: (3,) uint64.
@@ -339,20 +335,12 @@ def draw_prior(prior: Any, offset: float, keys: Any, bins: Any, first: int, coun
         new: `Particles`.
         marks: (threads, bins) uint8.
     """
-    for chunk in prange((count + CHUNK - 1) // CHUNK):
-        low = chunk * CHUNK
-        high = min(low + CHUNK, count)
-        _draw_chunk(prior, offset, keys, bins, first, low, high, count, new, marks[get_thread_id()])
-
-
-@compiled
-def _draw_chunk(
-    prior: Any, offset: float, keys: Any, bins: Any, first: int, low: int, high: int, count: int, new: Any, marks: Any
-) -> None:
     corners, owner, area, first_turn, all_turns = prior
+    begin, end, thread = part
     words = np.empty((4, TILE), np.uint32)
     place = np.empty(TILE, np.int32)
     spacing = area[-1] / count
+    low, high = begin * CHUNK, min(end * CHUNK, count)
     triangle = np.searchsorted(area, (low + offset) * spacing)
     for a in range(low, high, TILE):
         number = min(TILE, high - a)
@@ -373,7 +361,7 @@ def _draw_chunk(
             weight[i] = ONE
             cell[i] = owner[triangle]
         _bin_tile(bins, tile, place[:number])
-        _mark(marks, place[:number])
+        _mark(marks[thread], place[:number])
 
 
 @compiled

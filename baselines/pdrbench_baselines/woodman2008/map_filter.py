@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.convex import compile_map
+from pdrbench.compiled import in_threads
 from pdrbench.filters import FilterError, kld_bound, normal_quantile
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.woodman2008 import generation
+from pdrbench_baselines.woodman2008 import generation, resampling
 from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Particles, Prior
 from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.random_numbers import random_offset
-from pdrbench_baselines.woodman2008.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 
 FEW: Final = 20_000  # particles that one thread handles in one call
 FIRST_BATCH: Final = 0.85  # of the many particles that a generation is expected to need come in its first batch
@@ -86,7 +86,8 @@ class WoodmanFilter:
         self._begin()
 
         def fill(first: int, count: int, offset: float, into: Particles, marks: Any) -> None:
-            generation.draw_prior(prior, offset, self._keys, self._bins, first, count, into, marks)
+            arguments = prior, offset, self._keys, self._bins, first, count, into, marks
+            in_threads(generation.draw_prior, resampling.chunks_of(count), *arguments)
 
         filled_bins = prior.area[-1] / p.bin_m**2 * abs(2 * heading.half_width_rad / FULL_TURN_RAD) * p.heading_bins
         self._generate(fill, int(PRIOR_BATCH * kld_bound(int(filled_bins), self._bound.epsilon, self._bound.z)))
@@ -119,9 +120,7 @@ class WoodmanFilter:
         self._begin()
         marks = self._marks()
         no_ancestors = self._now._replace(cell=self._now.cell[:0])
-        generation.advance(
-            self._convex.world, motion, self._keys, self._bins, 0, self.num_particles, no_ancestors, self._now, marks
-        )
+        self._advance(motion, 0, self.num_particles, no_ancestors, self._now, marks)
         self.num_bins, self.overshoot = int(generation.count_marks(marks)), 0
 
     def adjust(self, params: WoodmanFilterParams) -> None:
@@ -191,38 +190,41 @@ class WoodmanFilter:
         """A generation in parallel: every batch is drawn from the whole of the old generation, sorted by cell."""
         old, count = self._now, self.num_particles
         weight = old.state[3]
-        sums = sum_weights(weight, count)
+        chunks = resampling.chunks_of(count)
+        sums = np.empty((chunks, 2))
+        in_threads(resampling.sum_weights, chunks, weight, count, sums)
         before = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
         total, squares = float(before[-1]), float(sums[:, 1].sum())
         if not total > 0:
             raise no_live_particle()
-        offspring = np.empty((len(sums), len(self._convex)), dtype=np.int32)
+        offspring = np.empty((chunks, len(self._convex)), dtype=np.int32)
 
         def fill(first: int, number: int, offset: float, into: Particles, marks: Any) -> None:
             scale = number / total
             offspring[:] = 0
-            count_offspring(weight, old.cell, count, before, scale, offset, offspring)
-            place_offspring(offspring, first)
-            choose_ancestors(weight, old.cell, count, before, scale, offset, offspring, into.cell)
-            generation.advance(self._convex.world, motion, self._keys, self._bins, first, number, old, into, marks)
+            drawn = weight, old.cell, count, before, scale, offset, offspring
+            in_threads(resampling.count_offspring, chunks, *drawn)
+            resampling.place_offspring(offspring, first)
+            in_threads(resampling.choose_ancestors, chunks, *drawn, into.cell)
+            self._advance(motion, first, number, old, into, marks)
 
         expected = generation.expected_need(self.num_bins, count, total, squares, self._bound)
         self._generate(fill, int(FIRST_BATCH * self._excess * expected))
         self._excess = min(max((self.num_particles - self.overshoot) / expected, 0.5), 1.2)
 
+    def _advance(self, motion: Motion, first: int, count: int, old: Particles, new: Particles, marks: Any) -> None:
+        arguments = self._convex.world, motion, self._keys, self._bins, first, count, old, new, marks
+        in_threads(generation.advance, resampling.chunks_of(count), *arguments)
+
     def _generate(self, fill: Callable[[int, int, float, Particles, Any], None], first_batch: int) -> None:
         """Fills a generation batch by batch until it has enough particles for its bins (KLD sampling, W10)."""
-        bound, threads, marks, self._few = self._bound, numba.get_num_threads(), self._marks(), None
+        bound, marks, self._few = self._bound, self._marks(), None
         filled, batch, num_bins, needed = 0, 0, 0, bound.min_particles
         wanted = min(max(first_batch, bound.min_particles), bound.max_particles)
         while filled < wanted:
             self._next = _grown(self._next, filled, wanted)
             offset = random_offset(self._keys, batch)
-            numba.set_num_threads(threads if max(wanted - filled, self.num_particles) > FEW else 1)
-            try:
-                fill(filled, wanted - filled, offset, self._next, marks)
-            finally:
-                numba.set_num_threads(threads)
+            fill(filled, wanted - filled, offset, self._next, marks)
             num_bins = int(generation.count_marks(marks))
             needed = generation.enough(num_bins, bound)
             filled, batch = wanted, batch + 1

@@ -5,13 +5,14 @@ Work is cut into fixed chunks, so that the bytes are the same whatever the numbe
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-from numba import prange
 
-from pdrbench.compiled import compiled, compiled_parallel
-from pdrbench.filters.map_walk import CHUNK, TILE
+from pdrbench.compiled import compiled
+from pdrbench.filters.map_walk import TILE
+
+CHUNK: Final = 16_384  # particles of a chunk
 
 
 @compiled
@@ -44,13 +45,16 @@ def _first_draw(before: float, scale: float, offset: float) -> Any:
     return np.int32(np.ceil(before * scale - offset))
 
 
-@compiled_parallel
-def sum_weights(weight: Any, count: int) -> Any:
-    """Per chunk the sum of the weights and of their squares, (chunks, 2) float64."""
-    chunks = (count + CHUNK - 1) // CHUNK
-    totals = np.empty((chunks, 2), np.float64)
-    for chunk in prange(chunks):
-        sums = np.empty(TILE, np.float64)
+def chunks_of(count: int) -> int:
+    """How many chunks so many particles are."""
+    return (count + CHUNK - 1) // CHUNK
+
+
+@compiled
+def sum_weights(part: Any, weight: Any, count: int, totals: Any) -> None:
+    """Sets per chunk the sum of the weights and of their squares, (chunks, 2) float64."""
+    sums = np.empty(TILE, np.float64)
+    for chunk in range(part[0], part[1]):
         total, squares = 0.0, 0.0
         low, high = chunk * CHUNK, min(chunk * CHUNK + CHUNK, count)
         for a in range(low, high, TILE):
@@ -59,18 +63,18 @@ def sum_weights(weight: Any, count: int) -> Any:
             for i in range(a, b):
                 squares += np.float64(weight[i]) * np.float64(weight[i])
         totals[chunk, 0], totals[chunk, 1] = total, squares
-    return totals
 
 
-@compiled_parallel
+@compiled
 def count_offspring(
-    weight: Any, cells: Any, count: int, before: Any, scale: float, offset: float, offspring: Any
+    part: Any, weight: Any, cells: Any, count: int, before: Any, scale: float, offset: float, offspring: Any
 ) -> None:
     """Systematic resampling, first part: how many draws fall on the particles of each chunk in each cell.
 
     Draw j falls on the particle at which the running sum of the weights passes (j + offset) / scale.
 
     Args:
+        part: First chunk, end and thread (`in_threads`).
         weight: (N,) float32.
         cells: (N,) int32, ascending.
         count: Number of particles.
@@ -79,8 +83,8 @@ def count_offspring(
         offset: In (0, 1).
         offspring: (chunks, K) int32, zeros on entry, filled.
     """
-    for chunk in prange((count + CHUNK - 1) // CHUNK):
-        sums, below = np.empty(TILE, np.float64), np.empty(TILE, np.int32)
+    sums, below = np.empty(TILE, np.float64), np.empty(TILE, np.int32)
+    for chunk in range(part[0], part[1]):
         own = offspring[chunk]
         total, taken = 0.0, _first_draw(before[chunk], scale, offset)
         low, high = chunk * CHUNK, min(chunk * CHUNK + CHUNK, count)
@@ -115,18 +119,18 @@ def place_offspring(offspring: Any, first: int) -> None:
             place += number
 
 
-@compiled_parallel
+@compiled
 def choose_ancestors(
-    weight: Any, cells: Any, count: int, before: Any, scale: float, offset: float, place: Any, ancestor: Any
+    part: Any, weight: Any, cells: Any, count: int, before: Any, scale: float, offset: float, place: Any, ancestor: Any
 ) -> None:
     """Systematic resampling, last part: the ancestor of every offspring, sorted by cell.
 
     Args:
-        weight, cells, count, before, scale, offset: As in `count_offspring`.
+        part, weight, cells, count, before, scale, offset: As in `count_offspring`.
         place: (chunks, K) int32 of `place_offspring`; used up.
         ancestor: (n,) int32, each particle's number as often as draws fall on it.
     """
-    for chunk in prange((count + CHUNK - 1) // CHUNK):
+    for chunk in range(part[0], part[1]):
         low, high = chunk * CHUNK, min(chunk * CHUNK + CHUNK, count)
         _choose_in_chunk(weight, cells, low, high, before[chunk], scale, offset, place[chunk], ancestor)
 

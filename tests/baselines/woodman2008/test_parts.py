@@ -73,13 +73,15 @@ def test_systematic_resampling_gives_every_particle_its_fraction(rng: np.random.
     weight[3] = weight.sum() * 0.05  # thousands of copies of one particle
     cells = np.sort(rng.integers(0, 7, count)).astype(np.int32)
     number = 3 * count
-    before = np.concatenate([[0.0], np.cumsum(resampling.sum_weights(weight, count)[:, 0])])
-    offspring = np.zeros((len(before) - 1, 7), np.int32)
+    chunks = resampling.chunks_of(count)
+    sums, offspring = np.empty((chunks, 2)), np.zeros((chunks, 7), np.int32)
+    resampling.sum_weights((0, chunks, 0), weight, count, sums)
+    before = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
     scale = number / before[-1]
-    resampling.count_offspring(weight, cells, count, before, scale, 0.37, offspring)
+    resampling.count_offspring((0, chunks, 0), weight, cells, count, before, scale, 0.37, offspring)
     resampling.place_offspring(offspring, 5)
     ancestor = np.full(number + 5, -1, np.int32)
-    resampling.choose_ancestors(weight, cells, count, before, scale, 0.37, offspring, ancestor)
+    resampling.choose_ancestors((0, chunks, 0), weight, cells, count, before, scale, 0.37, offspring, ancestor)
     copies = np.bincount(ancestor[5:], minlength=count)
     assert copies.sum() == number
     assert np.abs(copies - weight.astype(np.float64) * scale).max() < 1 + 1e-6

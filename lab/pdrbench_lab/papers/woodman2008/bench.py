@@ -11,12 +11,11 @@ from typing import Any, Final
 
 import numba
 import numpy as np
-from numba import prange
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import snapped_edges
 from pdrbench.building.kernels import walk_segment
-from pdrbench.compiled import compiled, compiled_parallel
+from pdrbench.compiled import compiled, in_threads
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import FILTERS
@@ -81,7 +80,7 @@ def _large(building: Building, count: int, rounds: int, *, gpu: bool) -> list[Ti
         "advance": from_prior(fast, fast.propagate),
         "simple": lambda: simple,
         "literal": from_prior(literal, literal.update),
-        "copy": lambda: lambda: _copy(source, target),
+        "copy": lambda: lambda: in_threads(_copy, (len(source) + _PART - 1) // _PART, source, target),
     }
     if gpu:
         from pdrbench_lab.papers.woodman2008.gpu_filter import GpuFilter
@@ -116,6 +115,7 @@ def _large(building: Building, count: int, rounds: int, *, gpu: bool) -> list[Ti
 # Memory traffic of a full step per particle, at least: resampling reads weight and cell twice and the state once; it is
 # written sorted, then read, moved and written, with a weight. 8 + 8 + 12 + 16 + 16 + 20 bytes.
 BYTES_MOVED: Final = 80
+_PART: Final = 1 << 16  # bytes that are copied at a time
 
 
 def _rate(name: str, per_s: float, other_per_s: float | None = None, against: str = "") -> Timing:
@@ -212,11 +212,10 @@ def _first_step() -> Timing:
     return Timing("first_step", min(taken), "s")
 
 
-@compiled_parallel
-def _copy(source: Any, target: Any) -> None:
-    block = 1 << 16
-    for b in prange((len(source) + block - 1) // block):
-        target[b * block : (b + 1) * block] = source[b * block : (b + 1) * block]
+@compiled
+def _copy(part: Any, source: Any, target: Any) -> None:
+    for b in range(part[0], part[1]):
+        target[b * _PART : (b + 1) * _PART] = source[b * _PART : (b + 1) * _PART]
 
 
 @dataclass(slots=True)
