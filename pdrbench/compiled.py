@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -31,7 +31,7 @@ def compiled(function: F) -> F:
 
 
 def in_threads(kernel: Callable[..., object], count: int, *arguments: Any) -> None:
-    """Divides chunks among as many threads as Numba has: a loop of its own over them takes seconds to compile.
+    """Runs a kernel over chunks, in as many threads as Numba has: Numba's parallel loops take seconds to compile.
 
     Args:
         kernel: Called as `kernel((first, end, thread), *arguments)` with the chunks and the number of a thread.
@@ -40,12 +40,12 @@ def in_threads(kernel: Callable[..., object], count: int, *arguments: Any) -> No
     """
     threads = max(1, min(get_num_threads(), count))
     parts = [((count * k // threads, count * (k + 1) // threads, k), *arguments) for k in range(threads)]
-    others = [threading.Thread(target=kernel, args=part) for part in parts[1:]]
-    for other in others:
-        other.start()
-    kernel(*parts[0])
-    for other in others:
-        other.join()
+    if threads == 1:
+        kernel(*parts[0])
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(kernel, *part) for part in parts]:
+            done.result()  # an error of any thread is one of the call
 
 
 def _dependencies(kernel: Any) -> list[str]:
