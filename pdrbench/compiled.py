@@ -40,12 +40,11 @@ def in_threads(kernel: Callable[..., object], count: int, *arguments: Any) -> No
     """
     threads = max(1, min(get_num_threads(), count))
     parts = [((count * k // threads, count * (k + 1) // threads, k), *arguments) for k in range(threads)]
-    if threads == 1:
-        kernel(*parts[0])
-        return
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(kernel, *part) for part in parts]:
-            done.result()  # an error of any thread is one of the call
+        others = [pool.submit(kernel, *part) for part in parts[1:]]
+        kernel(*parts[0])
+        for other in others:
+            other.result()  # an error of any thread is one of the call
 
 
 def _dependencies(kernel: Any) -> list[str]:
