@@ -188,7 +188,7 @@ def test_hanging_localizers_are_ended(localizer: Spec) -> None:
     """In Python, in `reset`, catching everything, and in compiled code that holds the interpreter's lock."""
     names = ("HangsInPython", "HangsInReset", "SwallowsTheAlarm", "NeverGivesUp", "HangsInC", "Good")
     budget = Budget(pace=0.5, slack_s=0.0, start_s=5.0)
-    found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, budget=budget, seeds=1))
+    found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, budget=budget, seeds=1, jobs=3))
     assert [found[name].status for name in names] == ["failed"] * 5 + ["complete"]
     assert "timeout: reset took longer than the" in found["HangsInReset"].failure.splitlines()[-1]
     for name in names[2:5]:
