@@ -181,8 +181,7 @@ class Orphans:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of confinement skip where there is none; a long sweep goes first, while no process looks for work."""
-    items.sort(key=lambda item: "test_adversarial" not in item.nodeid)
+    """Tests of confinement skip where there is none."""
     for item in items:
         if sys.platform != "linux" and item.get_closest_marker("confinement"):
             item.add_marker(pytest.mark.skip(reason="localizers are confined on Linux only"))

@@ -62,13 +62,14 @@ def write_site(tables: Mapping[str, Sequence[Table]], folder: Path) -> list[Path
         Every file written.
     """
     pages, written = _templates(), []
-    cards = [_index_card(name, of) for name, of in tables.items()]
+    shown = {name: replays(of[0]) if of else [] for name, of in tables.items()}
+    cards = [_index_card(name, of, shown[name]) for name, of in tables.items()]
     common: dict[str, Any] = {"version": __version__, "boards": cards, "sensors": _sensors(tables)}
     files = importlib.resources.files("pdrbench_leaderboard") / "page"
     texts = {f"page/{name}": (files / name).read_text(encoding="utf-8") for name in FILES}
     texts["index.html"] = pages.get_template("index.html").render(common)
     for card, (name, of) in zip(cards, tables.items(), strict=True):
-        facts = {"board": card, "divisions": [_division(one) for one in of], "replays": replays(of[0]) if of else []}
+        facts = {"board": card, "divisions": [_division(one) for one in of], "replays": shown[name]}
         texts[f"{name}.html"] = pages.get_template("board.html").render({**common, **facts})
         texts[f"{name}.json"] = json.dumps(board_json(name, of), indent=1, allow_nan=False) + "\n"
     for name, text in texts.items():
@@ -114,8 +115,8 @@ def _sensors(tables: Mapping[str, Sequence[Table]]) -> list[str]:
     return [name for name in SENSORS if name in used]
 
 
-def _index_card(name: str, tables: Sequence[Table]) -> dict[str, Any]:
-    """What the index shows of a board."""
+def _index_card(name: str, tables: Sequence[Table], replays: Sequence[Replay]) -> dict[str, Any]:
+    """What the index shows of a board, with the walk on which its first entries differ most."""
     board = boards()[name]
     online = tables[0] if tables else None
     facts = separability(board, tables)
@@ -124,7 +125,7 @@ def _index_card(name: str, tables: Sequence[Table]) -> dict[str, Any]:
         "title": board.title,
         "summary": board.summary,
         "start": all(make_task(listed.env).start != "unknown" for listed in board.environments),
-        "picture": _plan_of(online) if online is not None else Markup(""),
+        "replays": replays[:1],
         "rows": [_shown(row) for row in online.rows] if online is not None else [],
         "first": FIRST,
         "environments": [listed.env for listed in board.environments],
@@ -190,18 +191,6 @@ def board_json(name: str, tables: Sequence[Table]) -> dict[str, Any]:
             }
             rows.append({"division": of.division, "rank": list(row.standing.rank), **finite})
     return {"board": name, "rows": rows}
-
-
-def _plan_of(found: Table) -> Markup:
-    """A public walk of a board: its plan and its way; nothing where no walk can be made here."""
-    for listed in found.board.environments:
-        if listed.is_generated and listed.has_data:
-            recording = make_task(listed.env).load(make_task(listed.env).split("test")[0])
-            reference = recording.reference
-            level = _main_level(recording)
-            here = reference.xy_m[reference.level == level]
-            return pictures.plan_picture(recording.building, level, {"real": here}, label=f"a walk of {listed.env}")
-    return Markup("")
 
 
 def _main_level(recording: Recording) -> int:

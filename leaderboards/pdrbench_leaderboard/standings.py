@@ -150,7 +150,7 @@ class Table:
     @functools.cached_property
     def public(self) -> Ranking | None:
         """On public walks."""
-        return self.ranked("public", draws=1)
+        return self.ranked("public", draws=0)
 
     def ranked(
         self, part: Part, group: str | None = None, envs: Collection[str] | None = None, *, draws: int = DRAWS
@@ -188,7 +188,7 @@ class Table:
         by_env = {
             listed.env: {of.name: of.score_m for of in ranking.standings}
             for listed in self.environments()
-            if (ranking := self.ranked("held-out", envs={listed.env}, draws=1)) is not None
+            if (ranking := self.ranked("held-out", envs={listed.env}, draws=0)) is not None
         }
         entries = {entry.name: entry for entry in self.entries}
         ratios = self.private_ratios
@@ -227,7 +227,7 @@ class Table:
         """How much worse each entry is on private recordings than on walks like them whose truth is public."""
         found: dict[str, list[float]] = {}
         for listed in self.environments(PRIVATE):
-            private, known = (self.ranked(part, envs={listed.env}, draws=1) for part in (PRIVATE, listed.open_part))
+            private, known = (self.ranked(part, envs={listed.env}, draws=0) for part in (PRIVATE, listed.open_part))
             known_m = {} if known is None else {of.name: of.score_m for of in known.standings}
             for of in private.standings if private is not None else ():
                 if of.name in known_m:
@@ -257,8 +257,8 @@ class Table:
 
         Of environments that have both. NaN where there is no such pair.
         """
-        held_out = self.ranked("held-out", envs={listed.env for listed in self.environments("public")})
-        return tau(held_out, self.public)
+        held_out = self.ranked("held-out", envs={listed.env for listed in self.environments("public")}, draws=0)
+        return tau(held_out, self.public, self.ranking)
 
     @functools.cached_property
     def halves_agree(self) -> tuple[float, float]:
@@ -266,7 +266,7 @@ class Table:
         found = []
         for first in self._halves:
             second = {name: ~of for name, of in first.items()}
-            one, other = (self._ranked("held-out", keep, draws=1) for keep in (first, second))
+            one, other = (self._ranked("held-out", keep, draws=0) for keep in (first, second))
             found.append(tau(one, other, self.ranking))
         return mean_of([of[0] for of in found]), mean_of([of[1] for of in found])
 
@@ -283,9 +283,9 @@ class Table:
         found = []
         for keep in ({}, *self._halves):
             one, other = (
-                self._ranked("held-out", {name: keep[name] for name in envs}, draws=1)
+                self._ranked("held-out", {name: keep[name] for name in envs}, draws=0)
                 if keep
-                else self.ranked("held-out", envs=envs, draws=1)
+                else self.ranked("held-out", envs=envs, draws=0)
                 for envs in (generated, recorded)
             )
             found.append(tau(one, other, self.ranking)[1])
@@ -306,14 +306,13 @@ class Table:
         return found
 
 
-def tau(one: Ranking | None, other: Ranking | None, told: Ranking | None = None) -> tuple[float, float]:
-    """Kendall's tau of two orders: over pairs told apart by `told`, else by the first, and over all.
+def tau(one: Ranking | None, other: Ranking | None, told: Ranking | None) -> tuple[float, float]:
+    """Kendall's tau of two orders: over pairs told apart by `told`, and over all.
 
     NaN where there is no such pair.
     """
-    if one is None or other is None:
+    if one is None or other is None or told is None:
         return math.nan, math.nan
-    told = told or one
     first, second = ({of.name: number for number, of in enumerate(ranking.standings)} for ranking in (one, other))
     names = [of.name for of in told.standings]
     known = [row for row, name in enumerate(names) if name in first and name in second]

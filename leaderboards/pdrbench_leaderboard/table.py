@@ -209,7 +209,7 @@ def strata_of(table: Table) -> tuple[list[str], list[list[str]]]:
     groups = {
         name: {of.name: of.score_m for of in ranking.standings}
         for name in table.groups
-        if (ranking := table.ranked("held-out", group=name, draws=1)) is not None
+        if (ranking := table.ranked("held-out", group=name, draws=0)) is not None
     }
     envs = [listed.env for listed in table.environments()] if len(table.environments()) > 1 else []
     lines = [[env, *(number(row.by_env.get(env, math.nan)) for row in table.rows)] for env in envs]

@@ -112,7 +112,7 @@ def _neighbours(played: Mapping[str, Played]) -> list[dict[str, Spread]]:
         raise PdrbenchError("power is about telling localizers apart: fewer than two played a walk to its end")
     units = {env: of.units for env, of in played.items()}
     noise_m = {env: of.task.noise_m for env, of in played.items()}
-    order = rank(values, units=units, noise_m=noise_m, rng=np.random.default_rng(DRAW_SEED), draws=1).standings
+    order = rank(values, units=units, noise_m=noise_m, rng=np.random.default_rng(DRAW_SEED), draws=0).standings
     pairs = [(first.name, second.name) for first, second in itertools.pairwise(order)]
     return [
         {

@@ -162,7 +162,7 @@ def rank(
         units: By environment, (W,) unit of each walk.
         noise_m: By environment, the error of its reference, above 0: no walk counts as better.
         rng: Draws signs.
-        draws: Random patterns of signs, where there are too many units for all patterns.
+        draws: Random patterns of signs, where there are too many units for all patterns; 0 for the order without tests.
 
     Raises:
         ValueError: No localizer has a value on any walk, or one has another number of walks than there are units.
@@ -263,7 +263,7 @@ def _pairs(parts: Sequence[_Part], rng: np.random.Generator, draws: int) -> Pair
     error, degrees = _errors([part.log_m[first] - part.log_m[second] for part in parts], parts)
     weights = _weights(parts)
     sums = np.concatenate([weight * _unit_means(part) for weight, part in zip(weights, parts, strict=True)])
-    p_holm = holm(sign_flip_p(sums, rng=rng, draws=draws))
+    p_holm = holm(sign_flip_p(sums, rng=rng, draws=draws)) if draws else np.ones(len(first))
     score = _score(parts)
 
     def square(of_pairs: FloatArray, diagonal: float) -> FloatArray:

@@ -188,10 +188,11 @@ def _sign_patterns(
     for begun in range(0, patterns, rows):
         number = np.arange(begun, min(begun + rows, patterns))
         if is_exact:
-            signs = number[:, None] >> np.arange(num_units) & 1
+            turned = (number[:, None] >> np.arange(num_units) & 1).astype(np.uint8)
         else:
-            signs = rng.integers(0, 2, size=(len(number), num_units), dtype=np.int8)
-        yield np.asarray(1.0 - 2.0 * signs, dtype=np.float64)
+            drawn = np.frombuffer(rng.bytes(len(number) * math.ceil(num_units / 8)), dtype=np.uint8)
+            turned = np.unpackbits(drawn.reshape(len(number), -1), axis=1, count=num_units)
+        yield np.asarray(1.0 - 2.0 * turned, dtype=np.float64)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:

@@ -379,7 +379,7 @@ def swept(run: Run) -> Swept:
 @pytest.fixture(scope="module")
 def slowly_swept(run: Run) -> Swept:
     """One walk with every localizer that uses up its time."""
-    return run(mixed(list(SLOW_ONES)), out="slow", budget=BUDGET | {"start_s": 10.0})
+    return run(mixed(list(SLOW_ONES)), out="slow", budget=BUDGET | {"start_s": 10.0}, jobs=4)  # they wait
 
 
 def check_around(found: Swept, honest: Mapping[str, bytes], walks: int) -> None:
