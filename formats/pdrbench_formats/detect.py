@@ -135,7 +135,7 @@ def read_plan(path: Path | str, kind: str | None = None, doors: str = "none") ->
     Args:
         path: Of the file or folder.
         kind: A key of `READERS`; None to recognise the format by the content.
-        doors: For rooms without one: "none", "nearest" or "wide", as `maps.openings.with_doors` makes them.
+        doors: For rooms without one: "none", "rooms", "nearest" or "wide", as `maps.openings.with_doors` makes them.
 
     Raises:
         MapError: It is no plan, or as its reader says.

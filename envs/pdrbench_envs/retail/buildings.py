@@ -170,40 +170,21 @@ def plan_of(site: str) -> tuple[Building | None, tuple[str, ...]]:
 
 @functools.lru_cache(maxsize=4)
 def _plan(site: str, files: tuple[tuple[tuple[str, str], Member], ...]) -> tuple[Building | None, tuple[str, ...]]:
-    floors: dict[int, ilc20_map.Floor] = {}
+    floors: dict[str, ilc20_map.Floor] = {}
     problems: list[str] = []
     by_floor = {floor: {name: member for (of, name), member in files if of == floor} for (floor, _), _ in files}
     for floor, of_floor in by_floor.items():
         try:
-            level = level_of_floor(floor)
-            if level in floors:
-                raise MapError(f"{site}/{floor}: another floor is level {level} too; this one is left out")
+            if level_of_floor(floor) in map(level_of_floor, floors):
+                raise MapError(f"{site}/{floor}: another floor is the same level; this one is left out")
             if len(of_floor) < 2:
                 raise MapError(f"{site}/{floor}: a plan needs {PLAN} and {SIZE}")
-            floors[level] = ilc20_map.read_floor(_folder_of(site, floor, of_floor))
+            plan, size = of_floor[PLAN], of_floor[SIZE]
+            floors[floor] = ilc20_map.floor_of(plan.content(), size.content(), plan.path, floor)
+            problems += floors[floor].mended
         except (MapError, RecordingError) as error:
             problems.append(str(error))
-    if not floors:
-        return None, tuple(problems)
     try:
-        building = Building(
-            name=site,
-            polygons=tuple(polygon for floor in floors.values() for polygon in floor.polygons),
-            zones=tuple(zone for floor in floors.values() for zone in floor.zones),
-        )
+        return ilc20_map.building_of(site, floors) if floors else None, tuple(problems)
     except MapError as error:
         return None, (*problems, f"{site}: {error}")
-    return building, tuple(problems)
-
-
-def _folder_of(site: str, floor: str, files: dict[str, Member]) -> Path:
-    """A folder named like a floor with its two files; those of an archive are unpacked into the cache folder."""
-    plan, size = files[PLAN], files[SIZE]
-    if Path(plan.source).is_dir() and plan.path.parent == size.path.parent and plan.path.parent.name == floor:
-        return plan.path.parent
-    folder = kept_folder() / "plans" / f"{site}-{plan.stamp:x}-{size.stamp:x}" / floor
-    for name, member in files.items():
-        if not (folder / name).is_file():
-            folder.mkdir(parents=True, exist_ok=True)
-            write_whole(folder / name, member.content())
-    return folder

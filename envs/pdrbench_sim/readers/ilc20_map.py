@@ -16,21 +16,23 @@ import contextlib
 import html
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
 
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
-from pdrbench.errors import MapError, RecordingError
+from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.compressed import found_file, plain_name
+from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.reader import Head, Reader, read_bytes
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import from_utf16
+from pdrbench_formats.maps.features import Collection, Feature, decoded, features_of, member, opened
 from pdrbench_formats.maps.plan import Plan, Repair
 
 if TYPE_CHECKING:
@@ -42,27 +44,8 @@ MAX_LATITUDE: Final = 85.06  # degrees, where Web Mercator ends
 MIN_PART_M2: Final = 1.0  # parts smaller than this are gaps between neighbouring shops: no place to stand
 MIN_HOLE_M2: Final = 0.01  # smaller holes are rounding where the corners of shops meet
 NOMINAL_LEVEL_HEIGHT_M: Final = 5.0  # heights are not in the plans; common between the levels of a shopping centre
-MAX_PLAN_BYTES: Final = 64 << 20
-MAX_VERTICES: Final = 500_000  # the largest plan of the public set has some 8 000
 MAX_ASPECT: Final = 0.01  # width and height of a plan may disagree on the scale by this fraction
 PLAN, SIZE = "geojson_map.json", "floor_info.json"
-
-_Kind = TypeVar("_Kind")
-_Position = Annotated[list[float], msgspec.Meta(min_length=2)]
-
-
-class _Geometry(msgspec.Struct):
-    type: str
-    coordinates: Any
-
-
-class _Feature(msgspec.Struct):
-    geometry: _Geometry | None
-    properties: dict[str, Any] | None = None
-
-
-class _Plan(msgspec.Struct):
-    features: list[_Feature]
 
 
 class _Size(msgspec.Struct):
@@ -81,48 +64,68 @@ class Floor:
     Attributes:
         polygons: What can be walked on, largest first.
         zones: What has a name.
+        blocks: What the outline is walked without, each area once: shops, shafts, voids.
+        corner: The south-west one of the outline.
+        mended: What of the features was left out, a sentence each.
     """
 
     polygons: tuple[FloorPolygon, ...]
     zones: tuple[Zone, ...]
+    blocks: tuple[shapely.MultiPolygon, ...]
+    corner: GeoFrame
+    mended: tuple[str, ...]
 
 
-def read(path: Path | str) -> Building | Plan:
-    """Reads every floor of a site, from the folders in it that hold a plan; or one floor, from its folder or its plan.
+def read(path: Path | str) -> Plan:
+    """Reads every floor of a site, from a folder or archive that holds their plans; or one floor, from its plan.
 
     Raises:
         MapError: Names file, feature and remedy.
     """
-    folder = Path(path)
-    if folder.is_file() or found_file(folder / PLAN).is_file():
-        return _read_one(folder if folder.is_file() else found_file(folder / PLAN))
-    floors = sorted(place.parent.name for place in folder.glob(f"*/{PLAN}"))
-    if not floors:
-        raise MapError(f"{folder}: no floor plan; expected folders such as F1 that hold {PLAN} and {SIZE}")
-    return read_building(folder, floors)
+    container, plans = _plans_at(Path(path))
+    places = [container.path.absolute() / container.prefix / plan for plan in plans]
+    floors: dict[str, Floor] = {}
+    repairs: list[Repair] = []
+    for plan, place in zip(plans, places, strict=True):
+        size, size_m = str(PurePosixPath(plan).with_name(SIZE)), None
+        collection = decoded(member(container, plan), Collection, place)
+        name = _floor_name(collection, place.parent.name)
+        if not name and len(plans) > 1:
+            level_of_floor(place.parent.name)  # says what is expected
+        if not name:
+            name = "F1"
+            repairs.append(Repair("level assumed", "level 0", f"no floor such as {name} is named: taken for ground"))
+        if size in container.sizes:
+            size_m = decoded(member(container, size), _Info, place.with_name(SIZE)).map_info
+        else:
+            what = f"{SIZE} is not beside the plan: lengths follow from its latitude"
+            repairs.append(Repair("scale assumed", f"level {level_of_floor(name)}", what))
+        floors[name] = _floor(collection, size_m, place, name)
+        repairs += [Repair("geometry", f"level {level_of_floor(name)}", what) for what in floors[name].mended]
+    building = building_of(places[0].parent.parent.name if len(plans) > 1 else next(iter(floors)), floors)
+    closed = tuple(polygon for name, floor in floors.items() for polygon in _closed(floor.blocks, name))
+    geo = None if len(plans) > 1 else next(iter(floors.values())).corner  # each level has an origin of its own
+    return Plan(building, geo=geo, repairs=tuple(repairs), source="ilc20_map", closed=closed)
 
 
-def _read_one(path: Path) -> Plan:
-    """One floor; without its `floor_info.json`, in ground metres at the latitude of its middle."""
-    features = _read_json(path, _Plan).features
-    size_file = found_file(path.parent / SIZE)
-    size = _read_json(size_file, _Info).map_info if size_file.is_file() else None
-    repairs, name = [], _floor_name(features, path)
-    if not name:
-        name = "F1"
-        repairs.append(Repair("level assumed", "level 0", f"the plan names no floor such as {name}: taken for ground"))
-    if size is None:
-        what = f"{SIZE} is not beside the plan: lengths follow from its latitude"
-        repairs.append(Repair("scale assumed", f"level {level_of_floor(name)}", what))
-    floor, corner = _floor(features, size, path, name)
-    building = Building(name=name, polygons=floor.polygons, zones=floor.zones)
-    return Plan(building, geo=corner, repairs=tuple(repairs), source="ilc20_map")
+def _plans_at(path: Path) -> tuple[Container, list[str]]:
+    """What holds the plans of one site, and their names in it."""
+    container = opened(path)
+    if container.is_file:  # its size may lie beside it
+        names = [path.name, *([SIZE] if found_file(path.parent / SIZE).is_file() else ())]
+        return Container(path.absolute().parent, dict.fromkeys(names, 0), "", is_zip=False), names[:1]
+    plans = sorted(name for name in container.sizes if PurePosixPath(name).name == PLAN)
+    sites = sorted({PurePosixPath(container.prefix, plan).parent.parent.name for plan in plans})
+    if len(sites) != 1:
+        which = f"plans of {len(sites)} sites ({', '.join(sites[:3])}, ...)" if sites else "no floor plan"
+        raise MapError(f"{path}: {which}; name one site, whose folders such as F1 hold {PLAN} and {SIZE}")
+    return container, plans
 
 
-def _floor_name(features: Sequence[_Feature], path: Path) -> str:
-    """What the outline or the folder calls the floor; "" where neither says one."""
-    properties = (features[0].properties if features else None) or {}
-    for name in (properties.get("name"), properties.get("floor"), path.absolute().parent.name):
+def _floor_name(collection: Collection, folder: str) -> str:
+    """What the folder or the outline calls the floor; "" where neither says one."""
+    properties = (collection.features[0].properties if collection.features else None) or {}
+    for name in (folder, properties.get("name"), properties.get("floor")):
         if isinstance(name, str):
             with contextlib.suppress(MapError):
                 level_of_floor(name)
@@ -138,50 +141,72 @@ def read_building(folder: Path | str, floors: Sequence[str]) -> Building:
         floors: Names of its floors, which are names of folders: "B1", "F1".
     """
     folder = Path(folder)
-    levels = [level_of_floor(name) for name in floors]
+    return building_of(folder.name, {name: read_floor(folder / name) for name in floors})
+
+
+def building_of(name: str, floors: Mapping[str, Floor]) -> Building:
+    """Floors of a site by their names, put together."""
+    levels = [level_of_floor(floor) for floor in floors]
     if len(set(levels)) != len(levels):
-        raise MapError(f"{folder}: two of the floors {list(floors)} are the same level; keep one of them")
-    read_floors = [read_floor(folder / name) for name in floors]
+        raise MapError(f"{name}: two of the floors {list(floors)} are the same level; keep one of them")
     return Building(
-        name=folder.name,
-        polygons=tuple(polygon for floor in read_floors for polygon in floor.polygons),
-        zones=tuple(zone for floor in read_floors for zone in floor.zones),
+        name=name,
+        polygons=tuple(polygon for floor in floors.values() for polygon in floor.polygons),
+        zones=tuple(zone for floor in floors.values() for zone in floor.zones),
     )
 
 
 def read_floor(folder: Path | str) -> Floor:
     """Reads one floor; its folder is named like the floor."""
     folder = Path(folder)
-    level_of_floor(folder.name)
-    path = folder / PLAN
-    features = _read_json(path, _Plan).features
-    return _floor(features, _read_json(folder / SIZE, _Info).map_info, path, folder.name)[0]
+    plan, size = (member(opened(found_file(folder / name)), name) for name in (PLAN, SIZE))
+    return floor_of(plan, size, folder / PLAN, folder.name)
 
 
-def _floor(features: Sequence[_Feature], size: _Size | None, path: Path, name: str) -> tuple[Floor, GeoFrame]:
-    """A floor of that name, and where its south-west corner is."""
+def floor_of(plan: bytes, size: bytes, path: Path, name: str) -> Floor:
+    """The same of the content of both files; `path` of the plan is named in errors."""
+    collection = decoded(from_utf16(plan), Collection, path)
+    return _floor(collection, decoded(from_utf16(size), _Info, path.with_name(SIZE)).map_info, path, name)
+
+
+def _floor(collection: Collection, size: _Size | None, path: Path, name: str) -> Floor:
     import shapely
 
     level = level_of_floor(name)
-    if not features:
-        raise MapError(f"{path}: no feature; the first must be the outline of the floor")
-    shapes = [_mercator_polygons(feature, number, path) for number, feature in enumerate(features)]
-    if sum(shapely.get_num_coordinates(shape) for shape in shapes) > MAX_VERTICES:
-        raise MapError(f"{path}: more than {MAX_VERTICES} vertices; simplify the plan")
+    features, mended = features_of(collection, str(path))
+    if not features or not features[0].where.startswith(f"{path}: feature 0 "):
+        raise MapError(f"{path}: no outline of the floor, which the first feature must be")
+    shapes = [_mercator_polygons(feature) for feature in features]
     to_frame = _frame(shapes[0], size, path)
     outline, *others = [shapely.transform(shape, to_frame) for shape in shapes]
     distinct = _without_repeats(others, [_name(feature) for feature in features[1:]])
-    free = outline.difference(shapely.union_all([shape for shape, _ in distinct]))
+    blocks = tuple(shape for shape, _ in distinct)
+    free = outline.difference(shapely.union_all(blocks))
     parts = [part for part in _clean(free) if part.area >= MIN_PART_M2]
     parts.sort(key=lambda part: -part.area)
     if not parts:
         raise MapError(f"{path}: nothing to walk on remains of the outline without the other features")
-    floor = Floor(
+    x0, y0, _, _ = shapes[0].bounds
+    return Floor(
         polygons=tuple(_floor_polygon(part, f"{name}-{k}", level) for k, part in enumerate(parts)),
         zones=tuple(_zones(distinct, name, level)),
+        blocks=tuple(shapely.intersection(shape, outline) for shape in blocks),
+        corner=GeoFrame(_latitude_deg(y0), math.degrees(x0 / EARTH_RADIUS_M)),
+        mended=tuple(mended),
     )
-    x0, y0, _, _ = shapes[0].bounds
-    return floor, GeoFrame(_latitude_deg(y0), math.degrees(x0 / EARTH_RADIUS_M))
+
+
+def _closed(blocks: Sequence[shapely.MultiPolygon], name: str) -> Iterator[FloorPolygon]:
+    """A polygon for each block, apart from one another: where two overlap, the smaller has it."""
+    import shapely
+
+    blocks = sorted(blocks, key=lambda block: float(block.area))
+    tree = shapely.STRtree(blocks)
+    for number, block in enumerate(blocks):
+        smaller = [blocks[other] for other in tree.query(block, "intersects") if other < number]
+        for k, part in enumerate(_clean(block.difference(shapely.union_all(smaller)))):
+            if part.area >= MIN_PART_M2:
+                yield _floor_polygon(part, f"{name}-block-{number}-{k}", level_of_floor(name))
 
 
 def level_of_floor(name: str) -> int:
@@ -198,74 +223,37 @@ def level_of_floor(name: str) -> int:
     return -number if kind in ("B", "LG") else number - 1
 
 
-def _read_json(path: Path, kind: type[_Kind]) -> _Kind:
-    try:
-        content = from_utf16(read_bytes(found_file(path), MAX_PLAN_BYTES + 1))
-    except RecordingError as error:
-        raise MapError(f"{error}; a floor needs {PLAN} and {SIZE}") from error
-    if len(content) > MAX_PLAN_BYTES:
-        raise MapError(f"{path}: more than {MAX_PLAN_BYTES >> 20} MiB; simplify the plan")
-    try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise MapError(f"{path}: {error}; copy or download the plan again") from error
-
-
-def _name(feature: _Feature) -> str:
+def _name(feature: Feature) -> str:
     """The name of a shop, HTML entities resolved; "" where it has none."""
-    name = (feature.properties or {}).get("name")
+    name = feature.tags.get("name")
     return html.unescape(name).strip() if isinstance(name, str) else ""
 
 
-def _mercator_polygons(feature: _Feature, number: int, path: Path) -> shapely.MultiPolygon:
-    """The polygons of a feature in metres of the Mercator projection."""
+def _mercator_polygons(feature: Feature) -> shapely.MultiPolygon:
+    """The polygons of a feature in metres of the Mercator projection, in which its coordinates may be already."""
     import shapely
 
-    geometry, what = feature.geometry, f"{path}: feature {number}"
-    if geometry is None or geometry.type not in ("Polygon", "MultiPolygon"):
-        came = "no geometry" if geometry is None else geometry.type
-        raise MapError(f"{what} has {came}, expected Polygon or MultiPolygon; delete it or make it an area")
-    nested = [geometry.coordinates] if geometry.type == "Polygon" else geometry.coordinates
-    try:
-        polygons = msgspec.convert(nested, type=list[list[list[_Position]]])
-    except msgspec.ValidationError as error:
-        raise MapError(f"{what}: {error}; expected rings of longitude and latitude") from error
-    made = []
-    for rings in polygons:
-        if not rings:
-            raise MapError(f"{what} has a polygon without rings; delete it")
-        shell, *holes = [_project(_ring(ring, what)) for ring in rings]
-        made.append(shapely.Polygon(shell, holes))
-    shape = shapely.MultiPolygon(made)
-    if shape.is_empty:
-        raise MapError(f"{what} is empty; delete it")
+    shape, corners = feature.shape, shapely.get_coordinates(feature.shape)
+    if not shape.geom_type.endswith("Polygon"):
+        kind = shape.geom_type
+        raise MapError(f"{feature.where} is a {kind}, expected Polygon or MultiPolygon; delete it or make it an area")
+    is_mercator = 180.0 < np.abs(corners).max() <= HALF_EQUATOR_M
+    if not (is_mercator or (np.abs(corners) <= (180.0, MAX_LATITUDE)).all()):
+        raise MapError(f"{feature.where} leaves the range of longitude and latitude; are the two swapped?")
+    shape = shapely.MultiPolygon(
+        shapely.get_parts(shape if is_mercator else shapely.transform(shape, _project)).tolist()
+    )
     if not shape.is_valid:  # an outline that crosses or touches itself
         parts = shapely.get_parts(shapely.make_valid(shape))
         areas = [polygon for part in parts for polygon in shapely.get_parts(part) if polygon.geom_type == "Polygon"]
-        shape = shapely.MultiPolygon(areas)
-        if shape.is_empty:
-            raise MapError(f"{what} has no area; delete it")
+        if not areas:
+            raise MapError(f"{feature.where} has no area; delete it")
         shape = shapely.MultiPolygon(shapely.get_parts(shapely.union_all(areas)).tolist())
     return shape
 
 
-def _ring(ring: list[list[float]], what: str) -> FloatArray:
-    """(K, 2) longitude and latitude in degrees, or metres of Web Mercator where one is beyond 180, closed."""
-    if any(len(position) != 2 for position in ring):
-        raise MapError(f"{what} is three-dimensional; keep longitude and latitude only")
-    degrees = np.array(ring, dtype=np.float64).reshape(-1, 2)
-    if len(degrees) < 4 or (degrees[0] != degrees[-1]).any():
-        raise MapError(f"{what} has a ring that is not closed; repeat its first position at its end")
-    largest = float(np.abs(degrees).max())
-    if not (180.0 < largest <= HALF_EQUATOR_M or (np.abs(degrees) <= (180.0, MAX_LATITUDE)).all()):
-        raise MapError(f"{what} leaves the range of longitude and latitude; are the two swapped?")
-    return degrees
-
-
 def _project(degrees: FloatArray) -> FloatArray:
-    """(K, 2) Mercator metres of longitude and latitude in degrees, and of what is in these metres already."""
-    if np.abs(degrees).max() > 180.0:
-        return degrees
+    """(K, 2) Mercator metres of longitude and latitude in degrees."""
     longitude_rad, latitude_rad = np.radians(degrees).T
     northing = np.log(np.tan(math.pi / 4 + latitude_rad / 2))
     return EARTH_RADIUS_M * np.column_stack([longitude_rad, northing])
@@ -340,9 +328,9 @@ def _zones(areas: Sequence[tuple[shapely.MultiPolygon, str]], floor: str, level:
 
 
 def sniff(head: Head) -> bool:
-    """True for the folder of a site, and for the plan of one floor or its folder."""
-    if head.path.is_dir():
-        return found_file(head.path / PLAN).is_file() or any(head.path.glob(f"*/{PLAN}"))
+    """True for what holds the plans of a site, and for the plan of one floor."""
+    if head.container is not None:
+        return any(PurePosixPath(name).name == PLAN for name in head.container.sizes)
     is_plan = b'"FeatureCollection"' in head.content and b'"feature"' not in head.content
     keys = set(_KEY.findall(head.content))
     return is_plan and (plain_name(head.path.name) == PLAN or any(known <= keys for known in _KEYS))

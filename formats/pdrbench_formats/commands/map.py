@@ -17,7 +17,7 @@ from pdrbench_formats.detect import read as read_file
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.maps.plan import Plan
 
-DOORS_HELP: Final = "Open rooms without a door: none; nearest: 0.9 m to a corridor; wide: the whole wall."
+DOORS_HELP: Final = "Open rooms without a door: none; rooms: 0.9 m; nearest: shops of a mall too; wide: the whole wall."
 MAX_ROWS: Final = 12  # of a list in a terminal; --json and --out have all
 
 app = typer.Typer(help="Plans of buildings.", no_args_is_help=True)

@@ -53,7 +53,7 @@ def try_(
         typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="the best three"),
     ] = None,
     plays_all: Annotated[bool, typer.Option("--all", help="Play all that can, and name those that cannot.")] = False,
-    doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "nearest",
+    doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "rooms",
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", file_okay=False, help="Pictures, paths, the table, and the task file.")
     ] = Path("pdrbench-try"),

@@ -21,7 +21,7 @@ from pdrbench_formats.maps.assembly.shapes import is_sound
 from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.plan import Plan, Repair
 
-DOORS: Final = ("none", "nearest", "wide")
+DOORS: Final = ("none", "rooms", "nearest", "wide")
 DOOR_M: Final = 0.9  # width of a usual door
 MIN_DOOR_M: Final = 0.6  # a wall that is shorter takes no door that people pass
 JAMB_M: Final = 0.1  # of wall that is left beside a wide opening
@@ -50,23 +50,29 @@ def with_doors(plan: Plan, doors: str) -> Plan:
 
     Args:
         plan: As it was read.
-        doors: "none" leaves it, "nearest" opens 0.9 m, "wide" the whole wall.
+        doors: "none" leaves it; "rooms" opens 0.9 m; "nearest" does so for what the plan holds as closed too; "wide"
+            opens all of them by the whole wall.
     """
     if doors not in DOORS:
         raise PdrbenchError(f"doors are one of {', '.join(DOORS)}; got {doors!r}")
-    building = plan.building
+    building, closed = plan.building, plan.closed
+    if doors in DOORS[2:]:
+        building, closed = Building(building.name, (*building.polygons, *closed), building.zones), ()
     opened: tuple[Repair, ...] = ()
     if doors != "none" and unreachable(building).any():
         made = _Opened(building, is_wide=doors == "wide")
         building, opened = made.building(), tuple(made.repairs)
     told = [f"{len(opened)} doors are guessed: the plan shows no way into rooms"] if opened else []
+    if closed:
+        told.append(f"{len(closed)} shops or shafts are closed: --doors nearest opens a door to each")
     is_lost = unreachable(building)
     rooms = [k for k, polygon in enumerate(building.polygons) if polygon.kind == "floor" and not _is_door(polygon)]
     if is_lost[rooms].any():
         remedy = {"none": "--doors nearest opens a door to each, --doors wide a whole wall"}
         why = remedy.get(doors, "no other room lies beside them")
         told.append(f"{int(is_lost[rooms].sum())} of {len(rooms)} rooms have no way in, nobody can enter them: {why}")
-    return replace(plan, building=building, repairs=(*plan.repairs, *opened), warnings=(*told, *plan.warnings))
+    repairs, warnings = (*plan.repairs, *opened), (*told, *plan.warnings)
+    return replace(plan, building=building, repairs=repairs, warnings=warnings, closed=closed)
 
 
 def is_guessed(polygon: FloorPolygon) -> bool:

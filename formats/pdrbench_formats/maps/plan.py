@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pdrbench.building import Building
+from pdrbench.building import Building, FloorPolygon
 from pdrbench.building.connectivity import lift_shafts
 from pdrbench.io.geo import GeoFrame
 from pdrbench_formats.maps.houses import unreachable
@@ -43,6 +43,7 @@ class Plan:
         source: Format, such as "imdf".
         skipped: Count of features by kind that say nothing of where one can walk.
         warnings: What may be wrong with the plan as a whole, such as its units.
+        closed: What nobody walks on unless doors are opened, apart from the building: shops of a shopping centre.
     """
 
     building: Building
@@ -51,6 +52,7 @@ class Plan:
     source: str = ""
     skipped: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    closed: tuple[FloorPolygon, ...] = ()
 
     def describe(self) -> dict[str, Any]:
         """What `pdrbench inspect` prints."""

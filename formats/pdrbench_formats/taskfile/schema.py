@@ -70,7 +70,7 @@ class AlignTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """`[plan]`: file, relative to the folder of the task, its format where the content does not show it.
 
-    `doors` says what is done for rooms without one: "none", "nearest" or "wide".
+    `doors` says what is done for rooms without one: "none", "rooms", "nearest" or "wide".
     """
 
     file: _Name

@@ -6,6 +6,7 @@ import gzip
 import json
 import math
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError
 from pdrbench_formats.detect import detect, read_plan
+from pdrbench_formats.maps.houses import unreachable
 from pdrbench_sim.readers import ilc20, ilc20_map
 
 WIDTH_M, HEIGHT_M = 60.0, 40.0
@@ -60,7 +62,7 @@ def put(folder: Path, features: list[dict[str, Any]], *, floor: str = "F1", widt
 
 def test_one_floor_is_a_plan_with_and_without_its_size(tmp_path: Path) -> None:
     outline = {**OUTLINE, "properties": {"name": "B2", "category": "floor"}}
-    floor = put(tmp_path, [outline, feature(box(10, 10, 20, 20), name="shop")])
+    floor = put(tmp_path, [outline, feature(box(10, 10, 20, 20), name="shop")], floor="hall")
     sized = read_plan(floor / "geojson_map.json")
     assert detect(floor) == detect(floor / "geojson_map.json") == "ilc20_map"
     assert (sized.building.levels, sized.repairs) == ((-2,), ())
@@ -131,12 +133,29 @@ def test_a_repeated_shop_counts_once_under_its_last_name(tmp_path: Path) -> None
 def test_building_has_every_floor_at_its_level(tmp_path: Path) -> None:
     for name in ("B1", "F1", "F3"):
         put(tmp_path, [OUTLINE, feature(box(1, 1, 2, 2), name=name)], floor=name)
-    building = ilc20_map.read(tmp_path)
+    building = ilc20_map.read(tmp_path).building
     assert building.levels == (-1, 0, 2)
     assert building == ilc20_map.read_building(tmp_path, ["B1", "F1", "F3"])
     assert sorted((zone.name, zone.level) for zone in building.zones) == [("B1", -1), ("F1", 0), ("F3", 2)]
     inside = building.contains(np.array([[30.0, 20.0], [1.5, 1.5], [-1.0, 5.0]]), 2)
     assert inside.tolist() == [True, False, False]
+    archive = shutil.make_archive(str(tmp_path / "site"), "zip", tmp_path.parent, tmp_path.name)
+    assert read_plan(archive).building == building
+    shutil.copytree(tmp_path / "F1", tmp_path / "other" / "F1")
+    with pytest.raises(MapError, match="plans of 2 sites"):
+        ilc20_map.read(tmp_path)
+
+
+def test_shops_are_closed_until_doors_are_opened(tmp_path: Path) -> None:
+    """Two shops side by side, and a kiosk that lies partly in one: its floor is the kiosk's."""
+    shops = [feature(box(0, 0, 10, 10)), feature(box(10, 0, 20, 10)), feature(box(5, 8, 9, 12)), {"geometry": None}]
+    place = put(tmp_path, [OUTLINE, *shops])
+    for doors in ("none", "rooms"):
+        plan = read_plan(place, doors=doors)
+        assert plan.building == ilc20_map.read(place).building and "3 shops or shafts are closed" in plan.warnings[0]
+    plan = read_plan(place, doors="nearest")
+    assert len(plan.repairs) == 3 and not unreachable(plan.building).any()
+    assert plan.building.area_m2 == pytest.approx(WIDTH_M * HEIGHT_M, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -152,28 +171,17 @@ def test_a_floor_name_without_a_level_is_refused(name: str) -> None:
         ilc20_map.level_of_floor(name)
 
 
-def _edit(change: Callable[[dict[str, Any]], object]) -> list[dict[str, Any]]:
-    shop = feature(box(10, 10, 20, 20), name="A")
-    change(shop)
-    return [OUTLINE, shop]
-
-
-def _set_geometry(kind: str, coordinates: object) -> Callable[[dict[str, Any]], object]:
-    return lambda shop: shop.update(geometry={"type": kind, "coordinates": coordinates})
+def _shop(kind: str, coordinates: object) -> list[dict[str, Any]]:
+    return [OUTLINE, {"geometry": {"type": kind, "coordinates": coordinates}}]
 
 
 BAD_PLANS = {
-    "no feature": ([], "no feature; the first must be the outline"),
-    "no geometry": (_edit(lambda shop: shop.update(geometry=None)), "feature 1 has no geometry"),
-    "a line": (_edit(_set_geometry("LineString", box(1, 1, 2, 2))), "feature 1 has LineString"),
-    "unclosed": (_edit(_set_geometry("Polygon", [box(1, 1, 2, 2)[:-1]])), "feature 1 has a ring that is not closed"),
-    "swapped": (_edit(_set_geometry("Polygon", [[p[::-1] for p in box(1, 1, 2, 2)]])), "are the two swapped"),
-    "three dimensions": (_edit(_set_geometry("Polygon", [[[*p, 0.0] for p in box(1, 1, 2, 2)]])), "three-dimensional"),
-    "empty": (_edit(_set_geometry("Polygon", [])), "polygon without rings"),
-    "empty parts": (_edit(_set_geometry("MultiPolygon", [])), "feature 1 is empty"),
-    "empty ring": (_edit(_set_geometry("Polygon", [[]])), "feature 1 has a ring that is not closed"),
-    "text": (_edit(_set_geometry("Polygon", "here")), "feature 1: Expected `array`"),
-    "words for numbers": (_edit(_set_geometry("Polygon", [[["a", "b"]] * 4])), "feature 1: Expected `float`"),
+    "no feature": ([], "no outline of the floor"),
+    "no outline": ([{"geometry": None}, OUTLINE], "no outline of the floor"),
+    "a line": (_shop("LineString", box(1, 1, 2, 2)), "feature 1 (1) is a LineString"),
+    "unclosed": (_shop("Polygon", [box(1, 1, 2, 2)[:-1]]), "feature 1 (1): a ring of 4 positions"),
+    "swapped": (_shop("Polygon", [[p[::-1] for p in box(1, 1, 2, 2)]]), "are the two swapped"),
+    "text": (_shop("Polygon", "here"), "feature 1 (1): coordinates of a Polygon are nested wrongly"),
     "nothing left": ([OUTLINE, feature(box(-1, -1, 61, 41))], "nothing to walk on"),
 }
 
@@ -188,8 +196,11 @@ def test_a_bad_plan_names_file_and_feature(tmp_path: Path, defect: str) -> None:
 
 def test_bad_files_are_named(tmp_path: Path) -> None:
     place = put(tmp_path, [OUTLINE])
+    (place / "floor_info.json").write_text('{"map_info": {"width": 60.0, "height": 45.0}}')
+    with pytest.raises(MapError, match="do not belong together"):
+        ilc20_map.read_floor(place)
     (place / "geojson_map.json").write_text('{"features": [')
-    with pytest.raises(MapError, match=r"geojson_map\.json: .*copy or download"):
+    with pytest.raises(MapError, match=r"geojson_map\.json: .*copy or export"):
         ilc20_map.read_floor(place)
     (place / "geojson_map.json").unlink()
     with pytest.raises(MapError, match=r"geojson_map\.json: cannot be read"):
@@ -198,22 +209,9 @@ def test_bad_files_are_named(tmp_path: Path) -> None:
         ilc20_map.read(tmp_path)
 
 
-def test_a_size_that_does_not_fit_is_refused(tmp_path: Path) -> None:
-    place = put(tmp_path, [OUTLINE])
-    (place / "floor_info.json").write_text('{"map_info": {"width": 60.0, "height": 45.0}}')
-    with pytest.raises(MapError, match="do not belong together"):
-        ilc20_map.read_floor(place)
-
-
-def test_too_many_vertices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ilc20_map, "MAX_VERTICES", 9)
-    with pytest.raises(MapError, match="more than 9 vertices"):
-        ilc20_map.read_floor(put(tmp_path, [OUTLINE, feature(box(1, 1, 2, 2))]))
-
-
 @pytest.fixture(scope="module")
 def malls(data_root: Path) -> dict[str, Building]:
-    return {site: ilc20_map.read(data_root / "ilc20" / site) for site in ("site1", "site2")}
+    return {site: ilc20_map.read(data_root / "ilc20" / site).building for site in ("site1", "site2")}
 
 
 @pytest.fixture(scope="module")
