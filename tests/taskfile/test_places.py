@@ -16,7 +16,7 @@ ISO = "2023-11-14T22:13:{:02d}.000Z"
 @pytest.mark.parametrize(
     "text",
     [
-        "t_s;x_m;y_m;level\n0,00;1,5;2,25;0\n2,00;3,0;4,5;0\n",
+        "t_s;x_m;y_m;level\n0,00;1,5;2,25;0\n1,00;;;\n2,00;3,0;4,5;0\n",
         "# timestamp tx ty tz qx qy qz qw\n0.0 1.5 2.25 0 0 0 0 1\n2.0 3.0 4.5 0 0 0 0 1\n",
         "0.0 1.5 2.25 0 0 0 0 1\n2.0 3.0 4.5 0 0 0 0 1\n",
         f"time,X,Y,floor\n{ISO.format(20)},1.5,2.25,0\n{ISO.format(22)},3.0,4.5,0\n",
@@ -34,8 +34,8 @@ ISO = "2023-11-14T22:13:{:02d}.000Z"
 )
 def test_truth_in_the_dialects_of_recordings(text: str, tmp_path: Path) -> None:
     (tmp_path / "truth.txt").write_bytes(text.encode("cp1252"))
-    reference, geo = read_places(tmp_path / "truth.txt", 1_700_000_000.0)
-    assert geo is None
+    reference, geo, left_out = read_places(tmp_path / "truth.txt", 1_700_000_000.0)
+    assert geo is None and ("1 without a place" in left_out) == (";;" in text)
     np.testing.assert_allclose(reference.t_s, [0.0, 2.0], atol=1e-6)
     np.testing.assert_allclose(reference.xy_m, [[1.5, 2.25], [3.0, 4.5]], atol=1e-9)
     assert reference.level.tolist() == ([1, 2] if "Etage" in text else [0, 0])

@@ -43,9 +43,10 @@ def score(
 
         if (env is None) == (truth is None):
             raise PdrbenchError("name what to score against: --truth FILE, or --env ENV with --walk WALK")
-        made, geo = read_track(track)
+        made, geo, *left_out = read_track(track)
         if truth is not None:
-            reference, own_geo = read_track(truth)
+            reference, own_geo, more = read_track(truth)
+            left_out.append(more)
             reference = dataclasses.replace(reference, t_s=reference.t_s + truth_offset)
             building, mounting, fallback = None, "", Start(reference.xy_m[0], int(reference.level[0]))
             if (geo is None) != (own_geo is None):
@@ -69,6 +70,8 @@ def score(
     if as_json:
         print_json({"scores": scores, "places": int(reference.surveyed.sum()), "lag_s": lag_s})
         return
+    for line in filter(None, left_out):
+        say(line)
     if lag_s:
         say(f"the places fit best {lag_s:+g} s off: --truth-offset {-lag_s:g} moves them")
     say(f"{track.name}: {len(made)} estimates, {int(reference.surveyed.sum())} places, {len(held.xy_m)} rows of truth")
@@ -93,7 +96,7 @@ def _walk_of(env: str, walk: str | None, split: str | None) -> tuple[Trajectory,
     return recording.reference, recording.building, recording.mounting, task.fallback(recording)
 
 
-def read_track(path: Path) -> tuple[Trajectory, GeoFrame | None]:
+def read_track(path: Path) -> tuple[Trajectory, GeoFrame | None, str]:
     """A table of estimates or of places, as `read_places` reads it; or of MATLAB, in metres.
 
     Raises:
@@ -107,7 +110,7 @@ def read_track(path: Path) -> tuple[Trajectory, GeoFrame | None]:
     level = rows[:, 3] if rows.shape[1] > 3 and (rows[:, 3] == np.rint(rows[:, 3])).all() else 0 * rows[:, 0]
     order = np.argsort(rows[:, 0], kind="stable")
     whole = level[order].astype(np.int64)
-    return Trajectory(rows[order, 0], rows[order, 1:3], whole, np.ones(len(rows), dtype=np.bool_)), None
+    return Trajectory(rows[order, 0], rows[order, 1:3], whole, np.ones(len(rows), dtype=np.bool_)), None, ""
 
 
 def _matlab(path: Path) -> FloatArray:

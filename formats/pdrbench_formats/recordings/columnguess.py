@@ -20,13 +20,13 @@ from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
-_WORDS: Final = tomllib.loads((Path(__file__).parents[1] / "words.toml").read_text(encoding="utf-8"))
+WORDS: Final = tomllib.loads((Path(__file__).parents[1] / "words.toml").read_text(encoding="utf-8"))
 _SECONDS: Final = ("s", "sec", "secs", "second", "seconds", "sekunden")
 _UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
-    **_WORDS["units"],
+    **WORDS["units"],
     "time_unit": {
         unit: [f"{short}{word}" for short in shorts for word in _SECONDS]
-        for unit, shorts in _WORDS["units"]["time_unit"].items()
+        for unit, shorts in WORDS["units"]["time_unit"].items()
     },
 }
 _AFTER_AXIS: Final = re.compile(r"(.*)[\W_]?([wxyz])[\W_]+(.+)")  # a name, its axis, and what can only be a unit
@@ -34,17 +34,17 @@ _ENDINGS: Final = sorted(
     {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
 )
 _LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
-_SENSOR_NAMES: Final[Mapping[str, Sequence[str]]] = _WORDS["sensors"]["alone"]
-_SENSOR_WORDS: Final[Mapping[str, Sequence[str]]] = _WORDS["sensors"]["ending"]
-_LINEAR, _OTHER, _FILLERS = (_WORDS["columns"][name] for name in ("linear", "other", "fillers"))
+_SENSOR_NAMES: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["alone"]
+_SENSOR_WORDS: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["ending"]
+_LINEAR, _OTHER, _FILLERS = (WORDS["columns"][name] for name in ("linear", "other", "fillers"))
 TIME_NAMES: Final[Sequence[str]] = [
-    *_WORDS["columns"]["time"],
+    *WORDS["columns"]["time"],
     *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
 ]
-_BARO_NAMES: Final[Sequence[str]] = _WORDS["columns"]["baro"]
-LEVEL_NAMES: Final[Sequence[str]] = _WORDS["columns"]["level"]
+_BARO_NAMES: Final[Sequence[str]] = WORDS["columns"]["baro"]
+LEVEL_NAMES: Final[Sequence[str]] = WORDS["columns"]["level"]
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
-_PLACE_NAMES: Final = {unit: _WORDS["columns"][f"place_{unit}"] for unit in ("m", "deg")}
+_PLACE_NAMES: Final = {unit: WORDS["columns"][f"place_{unit}"] for unit in ("m", "deg")}
 _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units

@@ -159,17 +159,17 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
 
     def find() -> FileFacts:
         found = read_walk(path, content, table)
-        reference, geo = places_of(path, table, found)
-        rows = rows_of(found)
+        reference, geo, left_out = places_of(path, table, found)
+        findings = [str(one) for one in getattr(found, "findings", ()) if one.severity != "note"]
         return FileFacts(
             geo=None if geo is None else (geo.lat_deg, geo.lon_deg),
             first_s=float(reference.t_s[0]) if len(reference) else None,
             level=int(reference.level[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),
             end_s=last_row_s(found),
-            findings=tuple(str(one) for one in getattr(found, "findings", ()) if one.severity != "note"),
+            findings=tuple(findings + [left_out] * bool(left_out)),
             mounting=found.mounting,
-            is_shoe=not found.mounting and moves_as_shoe(rows),
+            is_shoe=not found.mounting and moves_as_shoe(rows_of(found)),
         )
 
     return index.facts(f"file {table.id or table.file}", FileFacts, causes_of(path, content, table), find)
@@ -235,10 +235,10 @@ def last_row_s(found: Log | Recording) -> float:
     return max((float(rows[-1, 0]) for rows in rows_of(found).values() if len(rows)), default=0.0)
 
 
-def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Trajectory, GeoFrame | None]:
-    """The places of a walk, from its table of truth where there is one, and their frame where they are on the Earth."""
+def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Trajectory, GeoFrame | None, str]:
+    """The places of a walk, from its table of truth where there is one, their frame, and what was left out of them."""
     if table.truth:
-        places, geo = read_places(beside(path, table.truth), getattr(found, "start_unix_s", None))
+        places, geo, left_out = read_places(beside(path, table.truth), getattr(found, "start_unix_s", None))
         places = dataclasses.replace(places, t_s=places.t_s + table.truth_offset_s)
         first_s, last_s, end_s = float(places.t_s[0]), float(places.t_s[-1]), last_row_s(found)
         if first_s > end_s + MAX_APART_S or last_s < -MAX_APART_S:
@@ -247,8 +247,8 @@ def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Tra
                 f"to {end_s:.1f} s: another clock; where both begin together, --truth-offset (truth_offset_s in a "
                 f"task file) {table.truth_offset_s - first_s:.1f} puts them right"
             )
-        return places, geo
-    return found.reference, getattr(found, "geo", None)
+        return places, geo, left_out
+    return found.reference, getattr(found, "geo", None), ""
 
 
 @functools.lru_cache(maxsize=8)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +20,7 @@ from pdrbench.io.container import open_container
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.text import clean_text
 from pdrbench.trajectory import Trajectory
-from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
+from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, WORDS, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
 from pdrbench_formats.recordings.columnmap import clock as clock_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
@@ -28,16 +29,7 @@ CLOCKS: Final = {"t_s": 1.0, "unix_s": 1.0, "unix_ms": 1e-3}  # columns of time,
 FRAMES: Final = (("x_m", "y_m"), ("lat_deg", "lon_deg"))
 EXAMPLE: Final = "t_s,x_m,y_m,level"
 SENDER, STRENGTH = "access_point", "rssi_dbm"
-_ALIASES: Final = {  # without capitals, blanks and unit
-    "x_m": ("x", "xm", "tx", "px", "posx", "positionx", "gtx", "refx", "e", "east", "easting", "ecoord", "prsrx"),
-    "y_m": ("y", "ym", "ty", "py", "posy", "positiony", "gty", "refy", "n", "north", "northing", "ncoord", "prsry"),
-    "lat_deg": ("lat", "latdeg", "latitude", "currentlatitude"),
-    "lon_deg": ("lon", "lng", "long", "londeg", "longitude", "currentlongitude"),
-    "level": LEVEL_NAMES,
-    SENDER: ("accesspoint", "bssid", "mac", "macaddress", "macaddressofap", "apmac", "ap", "address"),
-    STRENGTH: ("rssidbm", "rssi", "rss", "signalstrength", "signal"),
-    "age_s": ("age",),
-}
+_ALIASES: Final[Mapping[str, Sequence[str]]] = {**WORDS["places"], "level": LEVEL_NAMES}
 _KNOWN: Final = {base: name for name, bases in _ALIASES.items() for base in bases}
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 _TUM: Final = ("timestamp", "x_m", "y_m", "z", "qx", "qy", "qz", "qw")  # without a header, as evo and others write
@@ -86,7 +78,7 @@ def moved(reference: Trajectory, xy_m: FloatArray, turn_rad: float = 0.0) -> Tra
     return dataclasses.replace(reference, xy_m=xy_m, heading_rad=heading_rad)
 
 
-def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, GeoFrame | None]:
+def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, GeoFrame | None, str]:
     """Places from a table, in any dialect that recordings are read in: `t_s,x_m,y_m,level`, TUM, dates, degrees.
 
     Args:
@@ -94,7 +86,7 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
         start_unix_s: Time 0 of the walk in seconds since 1970; needed for times since 1970.
 
     Returns:
-        The places in the order of time, all surveyed, and their frame where they are degrees.
+        The places in the order of time, all surveyed; their frame where they are degrees; and what was left out.
 
     Raises:
         RecordingError: Names file, line and remedy.
@@ -118,8 +110,11 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
         t_s = t_s - start_unix_s
     xy_m, level, geo = places_in(table, known)
     order = np.flatnonzero(known)[np.argsort(t_s[known], kind="stable")]
+    dropped = table.dropped + Counter({"without a place": int((~known).sum())})
+    left_out = f"{path.name}: lines left out: {', '.join(f'{num} {why}' for why, num in dropped.items())}"
     try:
-        return Trajectory(t_s[order], xy_m[order], level[order], np.ones(len(order), dtype=np.bool_)), geo
+        places = Trajectory(t_s[order], xy_m[order], level[order], np.ones(len(order), dtype=np.bool_))
+        return places, geo, left_out if dropped.total() else ""
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
 

@@ -104,7 +104,7 @@ class WalkReader:
             RecordingError: Names the file and what is wrong.
         """
         found = read_walk(self.path, self.content, table)
-        reference, geo = places_of(self.path, table, found)
+        reference, geo, _ = places_of(self.path, table, found)
         reference = self._placed(table, reference, geo)
         if self._starts_at_place(table):
             is_later = np.arange(len(reference)) > 0  # the first place is given: it does not count
