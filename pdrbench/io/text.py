@@ -45,25 +45,25 @@ def read_text(path: Path) -> Text:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
-    return _mend(content, path, latin_1=False)
+    return _mend(content, path)
 
 
-def clean_text(content: bytes, path: Path, *, latin_1: bool = False) -> Text:
+def clean_text(content: bytes, path: Path, *, encoding: str = "") -> Text:
     """The same rules for content that has been read from an archive.
 
     Args:
         content: Of a whole file.
         path: Named in errors.
-        latin_1: True to read UTF-16, and to take what else is not UTF-8 for Latin-1, as in headers with degree signs.
+        encoding: Of what is neither UTF-8 nor UTF-16, as of headers with degree signs; "" to refuse both.
     """
     _check_line_lengths(content, path)
-    return _mend(content, path, latin_1=latin_1)
+    return _mend(content, path, encoding)
 
 
-def _mend(content: bytes, path: Path, *, latin_1: bool) -> Text:
+def _mend(content: bytes, path: Path, encoding: str = "") -> Text:
     mended = {}
     if content.startswith(_WIDE_BOMS):
-        if not latin_1:
+        if not encoding:
             raise RecordingError(f"{path}: line 1: the file is UTF-16, expected UTF-8; convert it with iconv -t UTF-8")
         content = from_utf16(content)
         mended["UTF-16"] = 1
@@ -73,10 +73,10 @@ def _mend(content: bytes, path: Path, *, latin_1: bool) -> Text:
     try:
         _check_characters(content, path)
     except RecordingError:
-        if not latin_1 or b"\0" in content:
+        if not encoding or b"\0" in content:
             raise
-        content = content.decode("latin-1").encode()
-        mended["Latin-1 characters"] = 1
+        content = content.decode(encoding, "replace").encode()
+        mended[f"{encoding} characters"] = 1
     if b"\r" in content:
         mended["carriage return at the end of a line"] = content.count(b"\r\n")
         content = content.replace(b"\r\n", b"\n")

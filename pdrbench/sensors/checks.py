@@ -6,11 +6,14 @@ is there all the time; not by the median length of the specific force, which is 
 
 from __future__ import annotations
 
+import functools
 import math
+import tomllib
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final, Literal
+from pathlib import Path
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -67,6 +70,20 @@ class Finding:
         return f"{self.where}: {self.seen}; {self.remedy}"
 
 
+def found(key: str, where: str, seen: str, severity: Severity | None = None) -> Finding:
+    """A finding whose severity, but for another one, and remedy stand in `findings.toml` under its code."""
+    facts = known(key)
+    return Finding(severity or facts["severity"], key.partition(",")[0], where, seen, facts["remedy"])
+
+
+@functools.cache
+def known(key: str) -> Mapping[str, Any]:
+    """What `findings.toml` has of findings under a key."""
+    table = tomllib.loads(Path(__file__).with_name("findings.toml").read_text(encoding="utf-8"))
+    facts: Mapping[str, Any] = table.get(key, {})
+    return facts
+
+
 def clock(rows: Rows) -> Iterator[Finding]:
     """Unit of time and rate, from the stream with most rows; pauses, from all of them together."""
     name = max((n for n in SAMPLED if n in rows), key=lambda n: len(rows[n]), default="")
@@ -75,33 +92,16 @@ def clock(rows: Rows) -> Iterator[Finding]:
     t_s = rows[name][:, 0]
     steps_s = np.diff(t_s)
     usual_s = float(np.median(steps_s[steps_s > 0])) if (steps_s > 0).any() else 0.0
+    seen = f"the median step of time is {usual_s:g} s"
     for unit, factor in (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)):
         if 2e-3 <= usual_s * factor <= 0.1:  # a row each second is slow, one each 2 s is a row each 2 ms
-            yield Finding(
-                "error",
-                "time-unit",
-                name,
-                f"the median step of time is {usual_s:g} s",
-                f"it looks like {unit}: state the unit of time",
-            )
+            yield Finding("error", "time-unit", name, seen, f"it looks like {unit}: state the unit of time")
             return
     if name in ("accel", "gyro") and (np.abs(steps_s - 1.0) < 1e-6).all():
-        yield Finding(
-            "error",
-            "time-unit",
-            name,
-            "every step of time is 1 s",
-            "these look like sample numbers, or milliseconds: divide by the rate in Hz",
-        )
+        yield found("time-unit, numbers of samples", name, "every step of time is 1 s")
         return
     if usual_s < 1e-4:
-        yield Finding(
-            "error",
-            "time-unit",
-            name,
-            f"the median step of time is {usual_s:g} s",
-            "write the time of each sample in seconds",
-        )
+        yield found("time-unit, unknown", name, seen)
         return
     every_s = [rows[n][:, 0] for n in SAMPLED if n in rows]
     outside_s = max(t_s[0] - min(s[0] for s in every_s), max(s[-1] for s in every_s) - t_s[-1])
@@ -111,13 +111,7 @@ def clock(rows: Rows) -> Iterator[Finding]:
     pause_s = np.diff(all_s)
     if pause_s.max(initial=0.0) > MAX_PAUSE_S:
         after_s = all_s[int(pause_s.argmax())]
-        yield Finding(
-            "error",
-            "clock-jump",
-            f"every sensor, after {after_s:.3f} s",
-            f"nothing for {pause_s.max():.0f} s",
-            "the clock was set or this is more than one walk: split the file there",
-        )
+        yield found("clock-jump", f"every sensor, after {after_s:.3f} s", f"nothing for {pause_s.max():.0f} s")
         return
     for name in ("accel", "gyro"):
         if name not in rows or len(rows[name]) < MIN_ROWS:
@@ -126,31 +120,15 @@ def clock(rows: Rows) -> Iterator[Finding]:
         steps_s = np.diff(t_s)
         rate_hz = (len(t_s) - 1) / max(float(t_s[-1] - t_s[0]), 1e-9)
         if rate_hz < MIN_RATE_HZ:
-            yield Finding(
-                "warning",
-                "low-rate",
-                name,
-                f"{rate_hz:.2g} rows a second",
-                f"steps cannot be found below {MIN_RATE_HZ:g} Hz: record at 50 Hz or more",
-            )
+            yield found("low-rate", name, f"{rate_hz:.2g} rows a second")
         elif steps_s.max() > MAX_GAP_S:
             long = np.flatnonzero(steps_s > MAX_GAP_S)
-            yield Finding(
-                "warning",
-                "gap",
-                f"{name}, after {t_s[long[0]]:.3f} s",
-                f"{len(long)} gaps longer than {MAX_GAP_S:g} s, the longest {steps_s.max():.2f} s",
-                "keep the app in the foreground while recording",
-            )
+            seen = f"{len(long)} gaps longer than {MAX_GAP_S:g} s, the longest {steps_s.max():.2f} s"
+            yield found("gap", f"{name}, after {t_s[long[0]]:.3f} s", seen)
         same = float((steps_s == 0).mean())
         if same > 0.01:
-            yield Finding(
-                "warning" if same > 0.2 else "note",
-                "equal-times",
-                name,
-                f"{same:.0%} of rows have the time of the row before them",
-                "record with the time of the sensor, not of its arrival",
-            )
+            seen = f"{same:.0%} of rows have the time of the row before them"
+            yield found("equal-times", name, seen, "warning" if same > 0.2 else "note")
 
 
 def gravity(rows: Rows) -> Iterator[Finding]:
@@ -177,13 +155,7 @@ def gravity(rows: Rows) -> Iterator[Finding]:
             yield Finding("error", "accel-unit", where, seen, f"it looks like {unit}: state the unit, or {convert}")
             return
     if mean < _MIN_MPS2:
-        yield Finding(
-            "error",
-            "no-gravity",
-            where,
-            seen,
-            "gravity was taken out: record the accelerometer with gravity, or add the gravity sensor",
-        )
+        yield found("no-gravity", where, seen)
         return
     yield Finding("error", "accel-unit", where, seen, "expected 9.81 m/s^2: state the unit, or convert to m/s^2")
 

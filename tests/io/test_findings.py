@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -225,11 +226,7 @@ def corners() -> Rows:
     ],
 )
 def test_axes_are_judged_by_the_corners_of_a_walk(
-    corners: Rows,
-    names: tuple[str, ...],
-    order: tuple[int, ...],
-    signs: tuple[int, ...],
-    expected: list[tuple[str, str]],
+    corners: Rows, names: tuple[str, ...], order: tuple[int, ...], signs: tuple[int, ...], expected: list[Any]
 ) -> None:
     rows = {name: table.copy() for name, table in corners.items()}
     for name in names:

@@ -31,6 +31,7 @@ def rows_of(walk: Rows, separator: str = ",", decimal: str = ".") -> list[str]:
         ("t ax  ay az   gx gy gz", "   ", ".", "ascii"),
         ("t,ax,ay,az,gx,gy,gz\ns,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s", ",", ".", "utf-8"),
         ("#t|ax|ay|az|gx|gy|gz", "|", ".", "utf-8"),
+        ("时间,加速度x,加速度y,加速度z,角速度x,角速度y,角速度z", ",", ".", "gbk"),
     ],
 )
 def test_what_stands_above_the_rows(

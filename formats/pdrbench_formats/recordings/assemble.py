@@ -16,8 +16,9 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.log import Log, ReadReport
 from pdrbench.sensors import SENSORS
-from pdrbench.sensors.checks import MIN_ROWS, SAMPLED, Finding, is_constant
+from pdrbench.sensors.checks import MIN_ROWS, SAMPLED, Finding, found, is_constant
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.delimited import most_odd
 from pdrbench_formats.recordings.findings import examine
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
@@ -45,6 +46,10 @@ class Tally:
     def note(self, severity: str, code: str, where: str, seen: str, remedy: str) -> None:
         """Adds a finding."""
         self.findings.append(Finding(severity, code, where, seen, remedy))  # type: ignore[arg-type]
+
+    def found(self, key: str, where: str, seen: str) -> None:
+        """Adds a finding whose remedy is known."""
+        self.findings.append(found(key, where, seen))
 
 
 def note_guesses(tally: Tally, guesses: Sequence[str]) -> None:
@@ -106,6 +111,13 @@ def unit_quaternions(q: FloatArray) -> FloatArray:
     return np.where(near, np.clip(unit, -1.0, 1.0), unit)
 
 
+def with_gravity(linear: FloatArray, gravity: FloatArray) -> FloatArray:
+    """Rows (T, 4) of an acceleration without gravity, and that of rows (G, 4) at their times."""
+    t_s, *axes = gravity[np.argsort(gravity[:, 0], kind="stable")].T
+    between = [np.interp(linear[:, 0], t_s, axis) for axis in axes]
+    return linear + np.column_stack([np.zeros(len(linear)), *between])
+
+
 def places(
     t_s: FloatArray,
     xy_m: FloatArray,
@@ -149,8 +161,8 @@ def assemble(
 
     * A row without a finite number in each column is dropped and counted.
     * A row that equals the one before it, time included, is dropped and counted, but for radio.
-    * Times that go back by up to `MAX_BACK_S` are sorted in `allow_unsorted` streams and counted; elsewhere they are an
-      error, since a row that is out of place cannot be integrated over.
+    * Times that go back by up to `MAX_BACK_S` are sorted in `allow_unsorted` streams and counted; elsewhere a few rows
+      with wrong times are dropped and counted, and more are an error, since they cannot be integrated over.
     * Time 0 is the first row of any sensor, or the first place of the reference where that is earlier.
 
     Args:
@@ -226,16 +238,15 @@ def _in_order(name: str, table: FloatArray, may_sort: bool, tally: Tally) -> Flo
     if len(back):
         behind_s = np.maximum.accumulate(table[:, 0]) - table[:, 0]
         row = int(back[0]) + 1
-        if not may_sort or behind_s.max() > MAX_BACK_S or (name in SAMPLED and _stands_twice(table[:, 0], behind_s)):
-            tally.note(
-                "error",
-                "clock-back",
-                f"{name}, row {row + 1}",
-                f"the time goes from {table[row - 1, 0]:.6f} to {table[row, 0]:.6f} s, and back in {len(back)} rows",
-                "the clock was set, or two recordings are joined: split the file there, or sort it",
-            )
-        else:
+        was_set = behind_s.max() > MAX_BACK_S or (name in SAMPLED and _stands_twice(table[:, 0], behind_s))
+        if may_sort and not was_set:
             tally.mended[f"{name} sorted by time"] += int((behind_s > 0).sum())
+        elif len(stray := _strays(table[:, 0], back)):
+            tally.dropped[f"{name} has a time that does not fit the rows around it"] += len(stray)
+            table = np.delete(table, stray, axis=0)
+        else:
+            seen = f"the time goes from {table[row - 1, 0]:.6f} to {table[row, 0]:.6f} s, and back in {len(back)} rows"
+            tally.found("clock-back", f"{name}, row {row + 1}", seen)
         table = table[np.argsort(table[:, 0], kind="stable")]
         step_s = np.diff(table[:, 0])
     if name not in SAMPLED or step_s.all():
@@ -244,15 +255,24 @@ def _in_order(name: str, table: FloatArray, may_sort: bool, tally: Tally) -> Flo
     if again.any():
         tally.dropped[f"{name} the same row twice"] += int(again.sum())
         if again.mean() > 0.01:
-            tally.note(
-                "warning",
-                "duplicates",
-                f"{name}, row {int(np.flatnonzero(again)[0]) + 1}",
-                f"{again.mean():.0%} of the rows stand twice",
-                "they were left out; export the file again",
-            )
+            seen = f"{again.mean():.0%} of the rows stand twice"
+            tally.found("duplicates", f"{name}, row {int(np.flatnonzero(again)[0]) + 1}", seen)
         table = table[~again]
     return table
+
+
+def _strays(t_s: FloatArray, back: IntArray) -> IntArray:
+    """The few rows whose own times are wrong, where times (T,) go `back`; none where the clock was set.
+
+    Of the two rows of a step back the second is wrong if the row after it goes on from the first, else the first if the
+    second goes on from the row before.
+    """
+    t_s = np.concatenate([[-np.inf], t_s, [np.inf]])
+    second, first = t_s[back + 3] >= t_s[back + 1], t_s[back + 2] >= t_s[back]
+    stray = np.unique(np.where(second, back + 1, back))
+    kept = np.delete(t_s, stray + 1)
+    is_few = (second | first).all() and len(stray) <= most_odd(len(t_s)) and (kept[1:] >= kept[:-1]).all()
+    return stray if is_few else stray[:0]
 
 
 def _stands_twice(t_s: FloatArray, behind_s: FloatArray) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import to_world
-from pdrbench.sensors.checks import MIN_ROWS, Finding, Rows, lengths
+from pdrbench.sensors.checks import MIN_ROWS, Finding, Rows, found, lengths
 
 _MAX_POSES: Final = 4000
 _INVERTED: Final = "from building to device"
@@ -23,13 +23,8 @@ def attitude(rows: Rows) -> Iterator[Finding]:
     off = np.abs(lengths(rotation[:, 1:]) - 1.0)
     if off.max() > 0.05:
         row = int(off.argmax())
-        yield Finding(
-            "error",
-            "quaternion-length",
-            f"rotation, row {row + 1}",
-            f"length {1.0 + off.max():.3f} or {1.0 - off.max():.3f}, expected 1",
-            "the columns are of another kind, or cut",
-        )
+        seen = f"length {1.0 + off.max():.3f} or {1.0 - off.max():.3f}, expected 1"
+        yield found("quaternion-length", f"rotation, row {row + 1}", seen)
         return
     if accel is None or len(accel) < MIN_ROWS:
         return
@@ -41,27 +36,17 @@ def attitude(rows: Rows) -> Iterator[Finding]:
         return
     way = max(sums, key=lambda way: sums[way][2])
     if sums[way][2] > 0.8:
-        yield Finding(
-            "error",
-            "quaternion",
-            "rotation",
-            f"it turns gravity up only where it is read {way} ({sums[way][2]:.2f} against {given[2]:.2f} of 1)",
-            "write w, x, y, z of the turn from the device to the building, x east, y north, z up",
-        )
+        seen = f"it turns gravity up only where it is read {way} ({sums[way][2]:.2f} against {given[2]:.2f} of 1)"
+        yield found("quaternion", "rotation", seen)
         return
     axis = int(np.abs(given).argmax())
     steady = abs(given[axis]) > 0.8
-    yield Finding(
-        "error" if steady else "warning",
-        "quaternion",
-        "rotation",
-        f"it turns gravity to {'-' if given[axis] < 0 else '+'}{'xyz'[axis]}"
-        if steady
-        else f"it turns gravity to no lasting direction (mean {np.round(given, 2).tolist()})",
-        "the frame of the building has z up, or the accelerometer has the other sign"
-        if steady
-        else "leave the attitude out",
-    )
+    if steady:
+        seen = f"it turns gravity to {'-' if given[axis] < 0 else '+'}{'xyz'[axis]}"
+        yield found("quaternion, steady", "rotation", seen)
+    else:
+        seen = f"it turns gravity to no lasting direction (mean {np.round(given, 2).tolist()})"
+        yield found("quaternion, unsteady", "rotation", seen)
 
 
 def device_to_building(

@@ -82,15 +82,10 @@ def turning(rows: Mapping[str, FloatArray], rest_mps2: float) -> Iterator[Findin
             yield Finding("error", "axes", "gyro", seen, remedy)
             return
         with_gravity = gravity[way] > _MIN_RATIO["accel"] * gravity[_AS_GIVEN] + _MIN_LOSS["accel"]
-        yield Finding(
-            "warning",
-            "axes",
-            "mag" if with_gravity else "gyro",
-            seen,
-            "the magnetometer has other axes than the gyroscope: name its columns in the order x, y, z"
-            if with_gravity
-            else "the walk would turn the wrong way: check signs and order of the axes of gyroscope and magnetometer",
-        )
+        remedy = "the walk would turn the wrong way: check signs and order of the axes of gyroscope and magnetometer"
+        if with_gravity:
+            remedy = "the magnetometer has other axes than the gyroscope: name its columns in the order x, y, z"
+        yield Finding("warning", "axes", "mag" if with_gravity else "gyro", seen, remedy)
 
 
 def _mean_length(vectors: FloatArray) -> float:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -17,10 +15,10 @@ from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS
 from pdrbench_formats.recordings.axes import turns_in_degrees
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock
 from pdrbench_formats.recordings.delimited import DelimitedTable
+from pdrbench_formats.recordings.texts import WORDS
 
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
-WORDS: Final = tomllib.loads((Path(__file__).parents[1] / "words.toml").read_text(encoding="utf-8"))
 _SECONDS: Final = ("s", "sec", "secs", "second", "seconds", "sekunden")
 _UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
     **WORDS["units"],
@@ -74,7 +72,8 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         for axis, stem in _axes_of(base):
             kind, rank = (sensor or sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
             if not kind and not any(word in stem for word in _OTHER):
-                kind, rank = sensor_by(unit) or sensor_in(name), 2  # a word of another language, or before another
+                # a word of another language, or before another, or a letter after what all names begin with
+                kind, rank = sensor_by(unit) or sensor_in(name) or sensor_of(_letter_before(axis, name))[0], 2
             if kind and axis not in groups.setdefault((rank, kind, stem), {}):
                 groups[rank, kind, stem][axis] = name
     whole = {
@@ -286,6 +285,12 @@ def _axes_of(base: str) -> list[tuple[str, str]]:
     return [(base[-1:], base[:-1])] * (base[-1:] in tuple("wxyz")) + [(base[:1], base[1:])] * (
         base[:1] in tuple("wxyz")
     )
+
+
+def _letter_before(axis: str, name: str) -> str:
+    """The letter before an axis that ends a name of several words: a of `imu_ax`."""
+    match = re.search(rf"[\W_]([a-z])[\W_]?{axis}[\W_]*$", _UNIT_TEXT.sub("", _CAMEL.sub("_", name)).lower())
+    return "" if match is None else match[1]
 
 
 def unit_of(kind: str, text: str) -> str:

@@ -26,15 +26,19 @@ from pdrbench.errors import RecordingError
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench.io.text import clean_text
-from pdrbench.sensors.checks import SAMPLED
+from pdrbench.sensors.checks import MIN_ROWS, SAMPLED
 from pdrbench_formats.recordings.assemble import Tally, note_face_down, note_guesses
 from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place, sensor_in
-from pdrbench_formats.recordings.columnmap import ColumnMap, read_column_map, read_mapped, toml_value
+from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped, toml_value
 from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHeaderError, find_layout, read_delimited
-from pdrbench_formats.recordings.joined import SensorTable, by_kind, join_tables
+from pdrbench_formats.recordings.joined import COLUMNS_OF, SensorTable, by_kind, join_tables
+from pdrbench_formats.recordings.texts import text_of
 
 _MIN_NAMED = 4  # columns: a time and a vector
+_BOTH: Final = {"accel", "gyro"}
+_MAX_DEVICES: Final = 8
+_MAX_SEEN: Final = 1000  # rows that show that a column names no devices
+_TURNS: Final = 0.2  # of all rows, after which those of another device come: labels of what was done change less often
 _PEEK_BYTES: Final = 32_768  # of a table that may hold both inertial sensors
 _UNKNOWN: Final = ColumnMap()  # whose separator, decimals and header are found
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
@@ -71,6 +75,7 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
     _check_time(path, table, found, assumed)
+    _check_devices(path, table, found)
     note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
@@ -111,6 +116,25 @@ def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Se
         )
 
 
+def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap) -> None:
+    """Refuses rows of several devices in one table, with the column that tells them apart."""
+    t_s, _ = clock(table, found.time, found.time_unit)
+    for name, values in table.columns.items():
+        if values.dtype.kind == "f" or name == found.time or len(set(values[:_MAX_SEEN].tolist())) > _MAX_DEVICES:
+            continue
+        texts = np.array(table.texts(name))
+        devices, num_rows = np.unique(texts, return_counts=True)
+        if not (1 < len(devices) <= _MAX_DEVICES and num_rows.min() >= MIN_ROWS):
+            continue
+        changes, goes_back = texts[1:] != texts[:-1], np.diff(t_s) < 0
+        in_turn = changes.mean() > _TURNS and values.dtype.kind not in "iu"
+        if in_turn or (goes_back.any() and changes[goes_back].all()):
+            raise RecordingError(
+                f"{path}: rows of {len(devices)} devices or recordings: column {name!r} has {', '.join(devices)}; "
+                f"write the rows of one of them into a file of its own"
+            )
+
+
 def _indented(columns: ColumnMap) -> str:
     return "".join(f"    {line}\n" for line in columns.toml().splitlines())
 
@@ -140,7 +164,7 @@ def _tables(container: Container) -> dict[str, str]:
     texts = [name for name in container.names() if name.lower().endswith((".csv", ".txt", ".tsv"))]
     words = {name: reversed(PurePosixPath(name).with_suffix("").parts) for name in texts}
     kinds = {name: next(filter(None, map(sensor_in, words[name])), "") for name in texts}
-    return {name: kind for name, kind in kinds.items() if kind in SAMPLED}
+    return {name: kind for name, kind in kinds.items() if kind in COLUMNS_OF}
 
 
 def is_inertial(content: bytes, path: Path) -> bool:
@@ -190,16 +214,16 @@ def sniff(head: Head) -> bool:
     """True for rows of numbers in at least four columns, and for a folder with a table of each inertial sensor."""
     if head.container is not None:
         tables = _tables(head.container)
-        if not {"accel", "gyro"} <= set(tables.values()):
+        if not {COLUMNS_OF[kind] for kind in tables.values()} >= _BOTH:
             return False
-        return {"accel", "gyro"} <= {kind for name, kind in tables.items() if _layout_of(head.peek(name), head.path)}
+        return {COLUMNS_OF[kind] for name, kind in tables.items() if _layout_of(head.peek(name), head.path)} >= _BOTH
     layout = _layout_of(head.content, head.path)
     return layout is not None and len(layout.names) >= _MIN_NAMED
 
 
 def _layout_of(content: bytes, path: Path) -> Layout | None:
     try:
-        return find_layout(clean_text(content, path, latin_1=True).content)
+        return find_layout(text_of(content, path).content)
     except RecordingError:
         return None
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.text import clean_text
+from pdrbench_formats.recordings.texts import text_of
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 _DECIMAL_COMMA: Final = re.compile(rb"(?<![\d,])-?\d+,\d+(?![\d,])")
@@ -155,7 +155,7 @@ def read_delimited(
     Raises:
         RecordingError: Names line, what was seen and remedy.
     """
-    text = clean_text(content, path, latin_1=True)
+    text = text_of(content, path)
     content = text.content
     mended, dropped = Counter(text.mended), Counter[str]()
     layout = _layout(content, path, names, separator, header_line)

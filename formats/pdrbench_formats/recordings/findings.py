@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.recording import MAX_WALK_S
 from pdrbench.sensors import SENSORS
 from pdrbench.sensors.checks import (
     MAX_ROWS,
@@ -22,10 +21,12 @@ from pdrbench.sensors.checks import (
     Rows,
     clock,
     extremes,
+    found,
     gravity,
     gravity_mps2,
     gyroscope,
     is_constant,
+    known,
     lengths,
 )
 from pdrbench_formats.recordings.attitude import attitude
@@ -33,20 +34,6 @@ from pdrbench_formats.recordings.axes import turning
 from pdrbench_formats.recordings.units import barometer, magnetometer
 
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
-
-
-# a finding that follows from another one says nothing of its own
-_FOLLOWS: Final = {
-    "out-of-bounds": ("accel-unit", "gyro-unit", "mag-unit", "baro-unit", "time-unit"),
-    "quaternion": ("no-gravity", "accel-unit", "constant", "two-devices", "clock-back"),
-    "gyro-unit": ("constant",),
-    "axes": ("constant", "clock-back", "two-devices"),
-    "duplicates": ("clock-back",),
-    "equal-times": ("clock-back",),
-    "two-devices": ("clock-back",),
-    "lost-packets": ("clock-back",),
-    "clock-back": ("clock-back",),  # of the sensors that share the clock
-}
 
 
 def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
@@ -63,7 +50,7 @@ def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
 
 
 def _follows(finding: Finding, before: Sequence[Finding], every: Sequence[Finding]) -> bool:
-    codes = _FOLLOWS.get(finding.code, ())
+    codes = known(finding.code).get("follows", ())
     causes = [cause for cause in (before if finding.code in codes else every) if cause.code in codes]
     if finding.severity == "error" or finding.code == "gyro-unit":
         causes = [cause for cause in causes if cause.severity == "error"]  # or the log would pass as sound
@@ -80,16 +67,11 @@ def _bounds(rows: Rows) -> Iterator[Finding]:
         if not ((low >= spec.low) & (high <= spec.high)).all():
             outside = ~((table >= spec.low) & (table <= spec.high))
             row, column = (int(place) for place in np.argwhere(outside)[0])
-            yield Finding(
-                "error",
-                "out-of-bounds",
-                f"{name}, row {row + 1}",
+            seen = (
                 f"{spec.columns[column]} is {table[row, column]:.6g}, outside [{spec.low[column]:g}, "
-                f"{spec.high[column]:g}], as in {outside.any(axis=1).sum()} of {len(table)} rows",
-                f"write times in seconds and walks shorter than {MAX_WALK_S / 3600:.0f} h"
-                if column == 0
-                else "check the unit, or whether the row is damaged",
+                f"{spec.high[column]:g}], as in {outside.any(axis=1).sum()} of {len(table)} rows"
             )
+            yield found("out-of-bounds" if column else "out-of-bounds, time", f"{name}, row {row + 1}", seen)
 
 
 def _turning(rows: Rows) -> Iterator[Finding]:
@@ -112,13 +94,8 @@ def _stuck(rows: Rows) -> Iterator[Finding]:
         if table is None or len(table) < MIN_ROWS:
             continue
         if is_constant(table):
-            yield Finding(
-                "error" if name in ("accel", "gyro") else "warning",
-                "constant",
-                name,
-                f"one value from end to end in {len(table)} rows",
-                "the sensor is off or missing: record again, or leave it out",
-            )
+            seen = f"one value from end to end in {len(table)} rows"
+            yield found("constant", name, seen, "error" if name in ("accel", "gyro") else "warning")
         elif name in ("accel", "gyro"):
             yield from _saturated(name, table)
 
@@ -132,13 +109,7 @@ def _saturated(name: str, table: FloatArray) -> Iterator[Finding]:
         values = table[:, 1 + axis]
         at_end = int((np.abs(values) > most * (1.0 - 1e-4)).sum())
         if at_end > max(5, len(values) // 2000):
-            yield Finding(
-                "warning",
-                "saturated",
-                f"{name}, axis {'xyz'[axis]}",
-                f"{at_end} rows at its largest value, {most:.5g}",
-                "the range of the sensor is too small: record with a larger one",
-            )
+            yield found("saturated", f"{name}, axis {'xyz'[axis]}", f"{at_end} rows at its largest value, {most:.5g}")
 
 
 def _two_devices(rows: Rows) -> Iterator[Finding]:
@@ -151,26 +122,15 @@ def _two_devices(rows: Rows) -> Iterator[Finding]:
         near = float(np.median(lengths(table[2:, 1:] - table[:-2, 1:])))
         next_one = float(np.median(lengths(table[1:, 1:] - table[:-1, 1:])))
         if next_one > 4.0 * near and next_one > 0.1 * float(np.median(lengths(table[:, 1:]))):
-            yield Finding(
-                "error",
-                "two-devices",
-                name,
-                f"rows differ by {next_one:.3g} from the next and by {near:.3g} from the one after it",
-                "rows of two devices take turns: split the file by device",
-            )
+            seen = f"rows differ by {next_one:.3g} from the next and by {near:.3g} from the one after it"
+            yield found("two-devices", name, seen)
             return
 
 
 def _few(rows: Rows) -> Iterator[Finding]:
     for name in ("accel", "gyro"):
         if name in rows and len(rows[name]) < MIN_ROWS:
-            yield Finding(
-                "warning",
-                "few-rows",
-                name,
-                f"{len(rows[name])} rows, too few to judge units and axes",
-                "copy or export the whole recording",
-            )
+            yield found("few-rows", name, f"{len(rows[name])} rows, too few to judge units and axes")
 
 
 def _use(rows: Rows) -> Iterator[Finding]:
@@ -178,14 +138,13 @@ def _use(rows: Rows) -> Iterator[Finding]:
     if "wifi" in rows or "ble" in rows or {"accel", "gyro"} <= rows.keys() or rows.keys() & {"stride", "position"}:
         return
     missing = [name for name in ("accel", "gyro") if name not in rows]
-    yield Finding(
-        "warning",
-        "cannot-localize",
+    where, seen = (
         f"sensors {', '.join(sorted(rows)) or 'none'}",
         f"no {' and no '.join(missing)}, no WiFi and no Bluetooth",
-        "dead reckoning needs acceleration with gravity and angular rates: record "
-        + " and ".join({"accel": "the accelerometer", "gyro": "the gyroscope"}[name] for name in missing),
     )
+    lacking = " and ".join({"accel": "the accelerometer", "gyro": "the gyroscope"}[name] for name in missing)
+    remedy = f"dead reckoning needs acceleration with gravity and angular rates: record {lacking}"
+    yield Finding("warning", "cannot-localize", where, seen, remedy)
 
 
 _CHECKS: Final[tuple[Callable[[Rows], Iterator[Finding]], ...]] = (

@@ -134,21 +134,10 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     streams["ble"] = _ble(parts.ble)
     if parts.num_damaged:
         first, record = parts.damaged
-        tally.note(
-            "warning",
-            "damaged-lines",
-            f"{path.name}, line {first}",
-            f"{record.decode(errors='replace')!r} is no whole record, nor are {parts.num_damaged - 1} other lines",
-            "they were left out: copy the log from the phone again, or delete them",
-        )
+        seen = f"{record.decode(errors='replace')!r} is no whole record, nor are {parts.num_damaged - 1} other lines"
+        tally.found("damaged-lines", f"{path.name}, line {first}", seen)
     if lost := tally.dropped["POSI cannot be read"]:
-        tally.note(
-            "warning",
-            "reference",
-            "POSI",
-            f"{lost} landmarks hold no latitude and longitude in degrees",
-            "write POSI;time;counter;latitude;longitude;level;building",
-        )
+        tally.found("reference, landmarks", "POSI", f"{lost} landmarks hold no latitude and longitude in degrees")
     reference, geo = _reference(parts.places, tally)
     return assemble(
         path,
@@ -362,13 +351,7 @@ def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
         lag_s = app_s - sensor_s
         low = float(np.quantile(lag_s, 0.05))
         if float(np.quantile(lag_s, 0.99)) - low > MAX_LAG_S or (np.diff(sensor_s) < -MAX_LAG_S).any():
-            tally.note(
-                "note",
-                "sensor-clock",
-                name,
-                "the clock of the sensor does not run as that of the app",
-                "the time of arrival is used",
-            )
+            tally.found("sensor-clock", name, "the clock of the sensor does not run as that of the app")
             continue
         found[name], weights[name] = low, len(app_s) * every
     if found:

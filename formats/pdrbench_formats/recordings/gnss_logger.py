@@ -23,9 +23,9 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench.io.text import clean_text
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
 from pdrbench_formats.recordings.delimited import read_delimited
+from pdrbench_formats.recordings.texts import text_of
 
 _SENSORS: Final = {"Accel": "accel", "Gyro": "gyro", "Mag": "mag"}
 _FIELDS: Final = re.compile(r"^#[ \t]*(\w+),(.*)$", re.M)
@@ -40,7 +40,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         RecordingError: Names file and remedy.
     """
     path, tally = Path(path), Tally()
-    text = clean_text(open_container(path).read(path.name), path, latin_1=True).content.decode()
+    text = text_of(open_container(path).read(path.name), path).content.decode()
     fields = {kind: names.split(",") for kind, names in _FIELDS.findall(text)}
     records: dict[str, list[str]] = {}
     for line in text.splitlines():

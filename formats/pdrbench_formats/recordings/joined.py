@@ -15,7 +15,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.log import Log
 from pdrbench.sensors.checks import SAMPLED
-from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down, note_guesses
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down, note_guesses, with_gravity
 from pdrbench_formats.recordings.axes import turns_in_degrees
 from pdrbench_formats.recordings.columnguess import guess, has_gravity, named_by_place, sensor_in
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, streams_of, unix_s
@@ -23,8 +23,9 @@ from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _MAX_APART_S: Final = 60.0  # between the beginnings of sensors of one recording
 _MAX_KINDS: Final = 40  # of records in one table
+COLUMNS_OF: Final = {**{name: name for name in SAMPLED}, "gravity": "accel", "linear": "accel"}  # of tables so named
 _RAW: Final = "uncal"  # kinds of records as the phone does not calibrate them: small biases, but for magnetometers
-_ANDROID: Final = {"1": "accel", "2": "mag", "4": "gyro", "6": "baro", "11": "rotation"}  # Sensor.TYPE_*
+_ANDROID: Final = {"1": "accel", "2": "mag", "4": "gyro", "6": "baro", "9": "gravity", "10": "linear", "11": "rotation"}
 _BEST_ATTITUDE: Final = ("game", "rotation", "quat")  # in the name: without the magnetometer first
 
 
@@ -81,7 +82,7 @@ def join_tables(
     """
     explained: list[_Explained] = []
     for source in tables:
-        found, assumed = guess(source.table, source.sensor, shared=True)
+        found, assumed = guess(source.table, COLUMNS_OF.get(source.sensor, source.sensor), shared=True)
         if found is None or not found.time or not len(source.table):
             tally.skipped[source.name] += 1
         else:
@@ -97,6 +98,7 @@ def join_tables(
     for one in sorted(explained, key=lambda one: (one.lacks_gravity, _attitude_rank(one))):
         t_s, first_s = clock(one.source.table, one.columns.time, one.columns.time_unit)
         for kind, rows in streams_of(one.source.table, one.columns, t_s + (first_s - begin_s), tally).items():
+            kind = "gravity" if one.source.sensor == "gravity" else kind
             if kind in streams and (kind == "rotation" or (kind == "accel" and one.lacks_gravity)):
                 tally.skipped[one.source.name] += 1
             elif kind in streams and not np.array_equal(rows, streams[kind]):
@@ -106,6 +108,14 @@ def join_tables(
                 )
             else:
                 streams[kind], sources[kind] = rows, one
+    is_whole = "accel" in streams and not sources["accel"].lacks_gravity
+    if (gravity := streams.pop("gravity", None)) is not None and "accel" in streams and not is_whole:
+        if "accel_unit" in sources["accel"].assumed:
+            streams["accel"][:, 1:] *= UNITS["accel_unit"][sources["gravity"].columns.accel_unit]
+        streams["accel"], is_whole = with_gravity(streams["accel"], gravity), True
+        tally.mended["gravity added"] += len(streams["accel"])
+    elif gravity is not None:
+        tally.skipped[sources["gravity"].source.name] += 1
     guesses = [f"{one.source.name}: {key} {getattr(one.columns, key)!r}" for one in explained for key in one.assumed]
     if "accel" in streams and "gyro_unit" in getattr(sources.get("gyro"), "assumed", ()):
         degrees = UNITS["gyro_unit"]["deg/s"]
@@ -113,7 +123,7 @@ def join_tables(
             streams["gyro"][:, 1:] *= degrees
             guesses = [guess.replace("gyro_unit 'rad/s'", "gyro_unit 'deg/s'") for guess in guesses]
     note_guesses(tally, guesses)
-    if "accel" in streams and "rotation" not in streams and not sources["accel"].lacks_gravity:
+    if is_whole and "rotation" not in streams:
         note_face_down(tally, streams["accel"][:, 1:], "turn the three columns round, with a minus in a column map")
     origin = Origin(device, unix_s(begin_s))
     sorted_in = tuple(streams) if may_sort else ()
@@ -148,7 +158,7 @@ def _on_one_clock(path: Path, explained: list[_Explained]) -> list[_Explained]:
 
 
 def by_kind(table: DelimitedTable) -> list[SensorTable]:
-    """The rows of a table in which a column says the sensor of each row, by sensor; [] where there is none."""
+    """The rows of a table in which a column says the sensor of each row, by sensor, in words or as `Sensor.TYPE_*`."""
     for name, values in table.columns.items():
         is_number = values.dtype.kind in "iuf"
         if not len(values) or (is_number and not name.lower().endswith(("type", "sensor"))):
@@ -161,9 +171,9 @@ def by_kind(table: DelimitedTable) -> list[SensorTable]:
         sensors |= {kind: sensor for kind, sensor in raw.items() if sensor in ("accel", "gyro") and sensor not in known}
         if len(kinds) <= _MAX_KINDS and set(sensors.values()) & {"accel", "gyro"}:
             return [
-                SensorTable(kind, sensor, _rows_of(table, texts == kind, name, sensor))
+                SensorTable(kind, sensor, _rows_of(table, texts == kind, name, COLUMNS_OF.get(sensor, sensor)))
                 for kind, sensor in sensors.items()
-                if sensor in SAMPLED
+                if sensor in COLUMNS_OF
             ]
     return []
 

@@ -85,13 +85,8 @@ class _File:
             elif opcode == _DATA_END:
                 return
         if not is_chunk or place > size:
-            self.tally.note(
-                "warning",
-                "cut",
-                self.path.name,
-                "the file ends within its data: the recorder was stopped, or it is not copied whole",
-                "what is there is read; copy it again, or repair it with `mcap recover`",
-            )
+            seen = "the file ends within its data: the recorder was stopped, or it is not copied whole"
+            self.tally.found("cut", self.path.name, seen)
 
     def _declare(self, key: int, message_type: str, name: str, encoding: str) -> None:
         kind = kind_of(message_type)

@@ -66,13 +66,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         else:
             streams["rotation"] = np.column_stack([t_s, q])
             if source == "game_rv":
-                tally.note(
-                    "note",
-                    "heading",
-                    "rotation",
-                    "game_rv turns about an arbitrary heading",
-                    "give the start heading, or use turns only",
-                )
+                tally.found("heading", "rotation", "game_rv turns about an arbitrary heading")
     return assemble(
         path,
         streams,

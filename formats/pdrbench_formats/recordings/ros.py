@@ -117,13 +117,8 @@ def _choose(kind: str, tables: dict[str, _Table], tally: Tally) -> str | None:
     """The topic of a kind with most messages."""
     topics = sorted((name for name in tables if tables[name].kind == kind), key=lambda name: -len(tables[name].values))
     if len(topics) > 1:
-        tally.note(
-            "warning",
-            "two-devices",
-            topics[0],
-            f"{len(topics)} topics hold sensor_msgs/{kind}: {', '.join(topics)}",
-            "the one with most messages is read; keep one topic with `rosbag filter` to choose another",
-        )
+        seen = f"{len(topics)} topics hold sensor_msgs/{kind}: {', '.join(topics)}"
+        tally.found("two-devices, topics", topics[0], seen)
         tally.skipped.update({topic: len(tables[topic].values) for topic in topics[1:]})
     return topics[0] if topics else None
 

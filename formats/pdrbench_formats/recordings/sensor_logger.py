@@ -39,6 +39,7 @@ from pdrbench_formats.recordings.assemble import (
     note_face_down,
     seconds,
     unit_quaternions,
+    with_gravity,
 )
 from pdrbench_formats.recordings.attitude import device_to_building
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
@@ -115,13 +116,8 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         if upright is None and (turned := _upright(attitude, (accel[0], -accel[1]))) is not None:
             upright, is_apple, accel = turned, not is_apple, (accel[0], -accel[1])
             streams["accel"] = accel
-            tally.note(
-                "warning",
-                "accel-sign",
-                "accel",
-                f"the attitude of the phone turns gravity down: the sign is that of {_SYSTEM[is_apple]}",
-                "it was turned round; check `platform` and `standardisation` in Metadata.csv",
-            )
+            seen = f"the attitude of the phone turns gravity down: the sign is that of {_SYSTEM[is_apple]}"
+            tally.found("accel-sign, attitude", "accel", seen)
         if upright is None:
             tally.skipped["Orientation (does not turn gravity up)"] += len(q)
         else:
@@ -129,12 +125,8 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     elif accel is not None and ("Gravity" in vectors or "Accelerometer" not in vectors):
         remedy = "keep Metadata.csv beside the other files, or record with Standardise Units & Frames"
         note_face_down(tally, accel[1], remedy)
-    if (baro := export.rows("Barometer", ("pressure",))) is not None:
-        streams["baro"] = baro
-    if (wifi := _wifi(export)) is not None:
-        streams["wifi"] = wifi
-    if (ble := _ble(export)) is not None:
-        streams["ble"] = ble
+    others = {"baro": export.rows("Barometer", ("pressure",)), "wifi": _wifi(export), "ble": _ble(export)}
+    streams |= {name: rows for name, rows in others.items() if rows is not None}
     if not streams:
         raise RecordingError(
             f"{path}: no accelerometer, gyroscope, barometer or WiFi in it, only "
@@ -263,13 +255,8 @@ def _platform(export: _Export, vectors: Mapping[str, Any], tally: Tally) -> tupl
     if raw is None and "Gravity" in vectors:
         name, is_apple = "Gravity", float(np.nanmedian(vectors["Gravity"][1][:, 2])) < 0.0
     if raw is not None or "Gravity" in vectors:
-        tally.note(
-            "warning",
-            "platform",
-            "Metadata.csv",
-            f"missing: which phone is not said; {name} looks like {'an iPhone' if is_apple else 'Android'}",
-            "keep it beside the other files",
-        )
+        seen = f"missing: which phone is not said; {name} looks like {'an iPhone' if is_apple else 'Android'}"
+        tally.found("platform", "Metadata.csv", seen)
     return is_apple, in_g
 
 
@@ -286,11 +273,9 @@ def _acceleration(
         if len(time_ns) == len(gravity_ns) and (time_ns == gravity_ns).all():
             return time_ns, sign * (linear + gravity)
         tally.mended["gravity interpolated to the times of the accelerometer"] += len(time_ns)
-        begin = int(gravity_ns.min())
-        at_s, of_s = seconds(time_ns, begin), seconds(gravity_ns, begin)
-        order = np.argsort(of_s, kind="stable")
-        between = np.column_stack([np.interp(at_s, of_s[order], axis[order]) for axis in gravity.T])
-        return time_ns, sign * (linear + between)
+        pairs = ((time_ns, linear), (gravity_ns, gravity))
+        force = with_gravity(*(np.column_stack([seconds(ns, int(gravity_ns.min())), rows]) for ns, rows in pairs))
+        return time_ns, sign * force[:, 1:]
     if "AccelerometerUncalibrated" in vectors:
         time_ns, force = vectors["AccelerometerUncalibrated"]
         return time_ns, sign * force * (STANDARD_GRAVITY_MPS2 if in_g else 1.0)

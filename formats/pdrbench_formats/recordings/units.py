@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, Finding, Rows, lengths
+from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, Finding, Rows, found, lengths
 
 UNITS: Final = {  # what one of them is in microtesla or hectopascal
     "mag": {"gauss": 100.0, "millitesla": 1e3, "tesla": 1e6, "nanotesla": 1e-3},  # 200 mG is as likely uncalibrated
@@ -26,13 +26,8 @@ def magnetometer(rows: Rows) -> Iterator[Finding]:
             "error", "mag-unit", "mag", f"the median length is {size:.4g} uT", f"it looks like {unit}: state the unit"
         )
     elif unit:
-        yield Finding(
-            "warning",
-            "mag-uncalibrated",
-            "mag",
-            f"the median length is {size:.4g} uT; the field of the Earth has 25 to 65",
-            "do not use it for headings before it is calibrated; record the calibrated magnetometer",
-        )
+        seen = f"the median length is {size:.4g} uT; the field of the Earth has 25 to 65"
+        yield found("mag-uncalibrated", "mag", seen)
 
 
 def barometer(rows: Rows) -> Iterator[Finding]:

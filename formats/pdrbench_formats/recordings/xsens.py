@@ -90,13 +90,7 @@ def _times(path: Path, table: DelimitedTable, top: str, tally: Tally, *, tick_s:
         steps = np.where(steps < 0, steps + MAX_COUNT, steps)
         lost = int((steps[(steps > 1) & (steps < MAX_COUNT)] - 1).sum())  # not of a field that is damaged
         if lost:
-            tally.note(
-                "warning",
-                "lost-packets",
-                "PacketCounter",
-                f"{lost} of {len(counter) + lost} packets were lost",
-                "keep the unit nearer to the phone, or record on the unit",
-            )
+            tally.found("lost-packets", "PacketCounter", f"{lost} of {len(counter) + lost} packets were lost")
     if "SampleTimeFine" in table.columns:
         ticks = table.numbers("SampleTimeFine")
         if np.isfinite(ticks).all():

@@ -18,12 +18,12 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.container import open_container
 from pdrbench.io.geo import GeoFrame, frame_at
-from pdrbench.io.text import clean_text
 from pdrbench.trajectory import Trajectory
-from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, WORDS, split_unit, unit_in, unit_of
+from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
 from pdrbench_formats.recordings.columnmap import clock as clock_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
+from pdrbench_formats.recordings.texts import WORDS, text_of
 
 CLOCKS: Final = {"t_s": 1.0, "unix_s": 1.0, "unix_ms": 1e-3}  # columns of time, and their unit in seconds
 FRAMES: Final = (("x_m", "y_m"), ("lat_deg", "lon_deg"))
@@ -33,8 +33,11 @@ _ALIASES: Final[Mapping[str, Sequence[str]]] = {**WORDS["places"], "level": LEVE
 _KNOWN: Final = {base: name for name, bases in _ALIASES.items() for base in bases}
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 _TUM: Final = ("timestamp", "x_m", "y_m", "z", "qx", "qy", "qz", "qw")  # without a header, as evo and others write
+_WITHOUT_HEADER: Final = {8: _TUM, 3: _TUM[:3], 4: (*_TUM[:3], "level")}  # by the number of columns
 _STRENGTHS_DBM: Final = (-127.0, -10.0)  # a column `level` of them is that of Android's ScanResult
-_ACCESS_POINT: Final = re.compile(r"(?:WAP|AP|MAC|BSSID|RSSI?|beacon)_?\d+|(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}", re.I)
+_ACCESS_POINT: Final = re.compile(
+    r"(?:WAP|AP|MAC|BSSID|RSSI?|i?beacon|ble|b)_?\d+|(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}", re.I
+)
 _MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
 _MAX_DEGREES: Final = 0.02  # between places named x and y that are degrees: 2 km, and in metres nowhere to walk to
 _STEPS_S: Final = (0.0009, 100.0)  # between places
@@ -165,15 +168,14 @@ def read_table(path: Path, example: str) -> DelimitedTable:
         RecordingError: It cannot be read, has no line below the header, or a line has another number of fields.
     """
     content = open_container(path).read(path.name)
-    layout = find_layout(clean_text(content, path, latin_1=True).content) if content.strip() else None
+    layout = find_layout(text_of(content, path).content) if content.strip() else None
     nothing = RecordingError(f"{path}: no places; write a line {example} and one for each place below it")
     if layout is None:
         raise nothing
-    is_tum = not layout.line and len(layout.names) == len(_TUM)
     table = read_delimited(
         content,
         path,
-        names=_TUM if is_tum else None,
+        names=None if layout.line else _WITHOUT_HEADER.get(len(layout.names)),
         separator=layout.separator,
         header_line=None if layout.line else 0,
         texts=[name for name in layout.names if name_of(name) == SENDER],
