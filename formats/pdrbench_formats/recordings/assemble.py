@@ -115,7 +115,8 @@ def with_gravity(linear: FloatArray, gravity: FloatArray) -> FloatArray:
     """Rows (T, 4) of an acceleration without gravity, and that of rows (G, 4) at their times."""
     t_s, *axes = gravity[np.argsort(gravity[:, 0], kind="stable")].T
     between = [np.interp(linear[:, 0], t_s, axis) for axis in axes]
-    return linear + np.column_stack([np.zeros(len(linear)), *between])
+    whole: FloatArray = linear + np.column_stack([np.zeros(len(linear)), *between])
+    return whole
 
 
 def places(

@@ -41,7 +41,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     """
     path, tally = Path(path), Tally()
     text = text_of(open_container(path).read(path.name), path).content.decode()
-    fields = {kind: names.split(",") for kind, names in _FIELDS.findall(text)}
+    fields = {kind: names.split(",") for kind, names in _FIELDS.findall(text[:65_536])}
     records: dict[str, list[str]] = {}
     for line in text.splitlines():
         kind, _, rest = line.partition(",")
@@ -55,9 +55,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         if not sensor or sensor in streams or "elapsedRealtimeNanos" not in names:
             tally.skipped[kind] += len(rows)
             continue
-        rows = [row for row in rows if row.count(",") == len(names) - 1] or rows
-        tally.dropped[f"{kind} is cut"] += len(records[kind]) - len(rows)
-        table = read_delimited("\n".join(rows).encode(), path, names=names, separator=",").table(names)
+        columns = read_delimited("\n".join(rows).encode(), path, names=names, separator=",")
+        tally.dropped += columns.dropped
+        table = columns.table(names)
         time, unix = names.index("elapsedRealtimeNanos"), names.index("utcTimeMillis")
         axes = table[:, time + 1 : time + 1 + _NUM_AXES]
         bias = table[:, time + 1 + _NUM_AXES : time + 1 + 2 * _NUM_AXES]
@@ -71,9 +71,8 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
             f"accelerometer and gyroscope with another one"
         )
     start = clock_s[0] if clock_s and np.isfinite(clock_s[0]) else None
-    every = tuple(streams)
     origin = Origin(device=_device(text), start_unix_s=start)
-    return assemble(path, streams, origin=origin, tally=tally, allow_unsorted=every, strict=strict)
+    return assemble(path, streams, origin=origin, tally=tally, allow_unsorted=tuple(streams), strict=strict)
 
 
 def _device(text: str) -> str:
