@@ -128,10 +128,10 @@ def check_parameters(make: type | None, candidate: Parameters, who: str) -> None
     if make is None:
         return
     takes = inspect.signature(make).parameters
+    fields = getattr(default_params(make), "__dataclass_fields__", {})
     if not any(argument.kind is argument.VAR_KEYWORD for argument in takes.values()):
         for name in candidate.keys() - takes.keys():
-            raise unknown_name(f"parameter of {who}", name, takes)
-    fields = getattr(default_params(make), "__dataclass_fields__", {})
+            raise unknown_name(f"parameter of {who}", name, [*takes, *(f"params.{field}" for field in fields)])
     for name in candidate.get("params", {}) if fields else ():
         if name not in fields:
             raise unknown_name(f"parameter of {who}", name, fields)

@@ -47,3 +47,5 @@ def test_what_is_no_setting_is_one_line(command: Any) -> None:
     assert len(outcome.err.strip().splitlines()) == 1
     outcome = command("tune", "learned", *ENV, "--param", "parms=1")
     assert outcome.code == 1 and "no parameter of learned named 'parms'; did you mean 'params'?" in outcome.err
+    outcome = command("tune", "woodman2008", *ENV, "--param", "most_sigma=1")
+    assert outcome.code == 1 and "did you mean 'params.most_sigma_m'?" in outcome.err
