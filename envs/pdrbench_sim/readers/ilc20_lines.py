@@ -25,9 +25,7 @@ _HASH_BYTES: Final = 24  # an address of a network has 17
 _HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
 HEAD_BYTES: Final = 65_536
 _SHORT = re.compile(rb"^\d{1,9}(?=\tTYPE_)", re.MULTILINE)  # milliseconds from 0 without leading zeros: eleven days
-# Both begin with plain characters, which makes searching ten times as fast.
-_TYPE_FIELD = re.compile(rb"\tTYPE_")
-_HEADER = re.compile(rb"#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):")
+_HEADER = re.compile(rb"#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):")  # fast as it begins plainly
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +155,14 @@ def as_float(text: bytes) -> float:
 def split_glued(lines: Lines) -> Lines:
     """The same text with the lost line feed put before every record that begins inside a line."""
     content = lines.content
-    fields = [match.start() for match in _TYPE_FIELD.finditer(content)]
+    inside = np.delete(lines.marks, lines.first[lines.is_record])  # of these a type follows in every record
+    fields = inside[lines.equal(inside + 1, _TYPE)].tolist()
     cuts = [at - TIME_DIGITS for at in fields if content[at - TIME_DIGITS : at].isdigit()]
     cuts = sorted(cuts + [match.start() for match in _HEADER.finditer(content)])
     cuts = [cut for cut in cuts if cut > 0 and content[cut - 1] != _LINE_FEED]
     bounds = [0, *cuts, len(content)]
     content = b"\n".join(content[a:b] for a, b in pairwise(bounds))
-    glued = [content.count(b"\n", 0, cut + number) for number, cut in enumerate(cuts, start=1)]
-    return _find_lines(content, lines.path, np.asarray(glued, dtype=np.int64))
+    return _find_lines(content, lines.path, np.searchsorted(lines.end, cuts) + np.arange(1, len(cuts) + 1))
 
 
 def _find_lines(content: bytes, path: Path, glued: IntArray) -> Lines:
