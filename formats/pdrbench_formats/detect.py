@@ -85,9 +85,11 @@ def _recognise(path: Path, head: Head) -> str:
     if path.is_file() and not head.content.strip():
         raise RecordingError(f"{path}: is empty; copy or export it again")
     members = ", ".join(head.members()[:3])
+    unpack = "unpack it and name its folder, or " if head.container is not None and head.container.is_zip else ""
+    remedy = f", or {unpack}one of the files in it ({members}, ...)" if members else ""
     raise RecordingError(
         f"{path}: in no format that pdrbench knows ({', '.join(sorted(READERS))}); name the format where its content "
-        f"does not show it{f', or one of the files in it ({members}, ...)' if members else ''}{not_loaded(broken)}"
+        f"does not show it{remedy}{not_loaded(broken)}"
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import msgspec
 
-from pdrbench.errors import RecordingError, unknown_name
+from pdrbench.errors import MapError, RecordingError, unknown_name
 from pdrbench.files import sha256_of
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
@@ -309,6 +309,8 @@ def _walk_format(path: Path, content: TaskFile, table: WalkTable) -> str:
         return ""
     try:
         return kind if isinstance(_read(path, place, kind, content, table), (Log, Recording)) else ""
+    except MapError:
+        return ""  # a plan, whatever is wrong with it
     except RecordingError:
         return kind  # a walk that is refused
 

@@ -228,7 +228,7 @@ def _card(walks: Walks, card: CardTable) -> str:
         lines.append("| " + " | ".join(_cell(str(fact)) for fact in (*facts, recording.mounting)) + " |")
     sensors = ", ".join(spec.name for spec in task.sensors)
     lines += ["", f"Sensors: {sensors}. Frame: metres, x east where the place is known.", ""]
-    lines += ["```bash", f"pdrbench run li2012 {task.id}/", "```", ""]
+    lines += ["```bash", f"pdrbench run LOCALIZER {task.id}/", "```", ""]
     return "\n".join(lines)
 
 
