@@ -310,7 +310,7 @@ def _walkable(building: Building, level: int) -> BaseGeometry:
     return union
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=16)  # of 2 MB each in a shopping centre
 def _triangles(building: Building) -> tuple[FloatArray, IntArray]:
     corners_xy_m, polygon = triangulated(shapely_polygons(building.polygons))
     return read_only(corners_xy_m), read_only(polygon, np.int64)

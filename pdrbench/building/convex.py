@@ -178,7 +178,7 @@ class _RingSide(NamedTuple):
     edges: tuple[int, ...]
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def compile_map(building: Building) -> ConvexMap:
     """Cuts every floor polygon into convex cells; kept for the last few buildings."""
     start, end, *_ = snapped_edges(building)

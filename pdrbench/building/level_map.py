@@ -16,7 +16,7 @@ TIDY_M: Final = 0.02  # by which walls get thicker, and straighter, in a plan th
 MIN_PART_M2: Final = 0.25  # smaller parts of a tidied floor are left out
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def _whole(building: Building) -> ConvexMap | Exception:
     """The whole building, compiled, or why it cannot be: to try takes long, and each level asks."""
     import shapely
@@ -24,7 +24,7 @@ def _whole(building: Building) -> ConvexMap | Exception:
     try:
         return compile_map(building)
     except (MapError, ValueError, ZeroDivisionError, shapely.errors.GEOSException) as error:
-        return error
+        return error.with_traceback(None)  # which would keep all that was tried
 
 
 @functools.lru_cache(maxsize=32)

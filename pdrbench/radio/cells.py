@@ -104,7 +104,7 @@ def divide(building: Building, max_edge_m: float = MAX_EDGE_M) -> Cells:
     return _divide(building, float(max_edge_m))
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=4)  # of 26 MB in a mall, and each replay of a recording has a building of its own
 def _divide(building: Building, max_edge_m: float) -> Cells:
     outlines = shapely_polygons(building.polygons)
     room = _rooms(building)
