@@ -306,15 +306,15 @@ class Table:
         return found
 
 
-def tau(one: Ranking | None, other: Ranking | None, told: Ranking | None) -> tuple[float, float]:
-    """Kendall's tau of two orders: over pairs told apart by `told`, and over all.
+def tau(one: Ranking | None, other: Ranking | None, tested: Ranking | None) -> tuple[float, float]:
+    """Kendall's tau of two orders: over pairs told apart by `tested`, and over all.
 
     NaN where there is no such pair.
     """
-    if one is None or other is None or told is None:
+    if one is None or other is None or tested is None:
         return math.nan, math.nan
     first, second = ({of.name: number for number, of in enumerate(ranking.standings)} for ranking in (one, other))
-    names = [of.name for of in told.standings]
+    names = [of.name for of in tested.standings]
     known = [row for row, name in enumerate(names) if name in first and name in second]
     pairs = [(i, j) for j in known for i in known if i < j]
     signs = np.array(
@@ -323,7 +323,7 @@ def tau(one: Ranking | None, other: Ranking | None, told: Ranking | None) -> tup
             for i, j in pairs
         ]
     )
-    apart = np.array([bool(told.pairs.is_apart[i, j]) for i, j in pairs], bool)
+    apart = np.array([bool(tested.pairs.is_apart[i, j]) for i, j in pairs], bool)
     return mean_of(signs[apart]), mean_of(signs)
 
 

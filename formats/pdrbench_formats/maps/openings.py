@@ -62,16 +62,16 @@ def with_doors(plan: Plan, doors: str) -> Plan:
     if doors != "none" and unreachable(building).any():
         made = _Opened(building, is_wide=doors == "wide")
         building, opened = made.building(), tuple(made.repairs)
-    told = [f"{len(opened)} doors are guessed: the plan shows no way into rooms"] if opened else []
+    notes = [f"{len(opened)} doors are guessed: the plan shows no way into rooms"] if opened else []
     if closed:
-        told.append(f"{len(closed)} shops or shafts are closed: --doors nearest opens a door to each")
+        notes.append(f"{len(closed)} shops or shafts are closed: --doors nearest opens a door to each")
     is_lost = unreachable(building)
     rooms = [k for k, polygon in enumerate(building.polygons) if polygon.kind == "floor" and not _is_door(polygon)]
     if is_lost[rooms].any():
         remedy = {"none": "--doors nearest opens a door to each, --doors wide a whole wall"}
         why = remedy.get(doors, "no other room lies beside them")
-        told.append(f"{int(is_lost[rooms].sum())} of {len(rooms)} rooms have no way in, nobody can enter them: {why}")
-    repairs, warnings = (*plan.repairs, *opened), (*told, *plan.warnings)
+        notes.append(f"{int(is_lost[rooms].sum())} of {len(rooms)} rooms have no way in, nobody can enter them: {why}")
+    repairs, warnings = (*plan.repairs, *opened), (*notes, *plan.warnings)
     return replace(plan, building=building, repairs=repairs, warnings=warnings, closed=closed)
 
 
