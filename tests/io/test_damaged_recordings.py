@@ -63,7 +63,7 @@ class TestBadInput:
         assert changed or same or fault == "half"
 
     def test_a_bag_that_is_cut_is_read_to_its_end(self, phone_walk: Rows, tmp_path: Path) -> None:
-        pytest.importorskip("mcap", reason="pip install pdrbench[dev]")
+        pytest.importorskip("mcap", reason="pip install pdrbench[test]")
         path = SAMPLES["mcap, JSON"].write(tmp_path, phone_walk)
         path.write_bytes(path.read_bytes()[: path.stat().st_size * 9 // 10])
         log = read(path)

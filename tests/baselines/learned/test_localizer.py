@@ -28,7 +28,6 @@ from pdrbench_baselines.learned.signals import grid_signals, turned
 from pdrbench_baselines.learned.wlan import ScanLocator
 
 SENSORS = ("accel", "gyro", "rotation")
-NETWORK = compiled_network("phone")
 
 
 def phone(rng: np.random.Generator, seconds: float = 9.0, rate_hz: float = 50.0) -> dict[str, FloatArray]:
@@ -52,7 +51,7 @@ def briefing(rate_hz: float = 50.0, sensors: tuple[str, ...] = SENSORS) -> Brief
 
 
 def moves(rows: dict[str, FloatArray], rate_hz: float = 50.0, chunk_s: float = 0.2):
-    reckoner, found = Reckoner(NETWORK, briefing(rate_hz)), []
+    reckoner, found = Reckoner(compiled_network("phone"), briefing(rate_hz)), []
     for until_s in np.arange(chunk_s, max(one[-1, 0] for one in rows.values()) + chunk_s, chunk_s):
         new = {name: one[(one[:, 0] > until_s - chunk_s) & (one[:, 0] <= until_s)] for name, one in rows.items()}
         if until_s == chunk_s:
@@ -81,7 +80,11 @@ def test_chunks_do_not_matter(rng: np.random.Generator) -> None:
 
 
 def test_what_is_asked_between_seconds_leaves_them_as_they_are(rng: np.random.Generator) -> None:
-    rows, asked, alone = phone(rng), Reckoner(NETWORK, briefing()), Reckoner(NETWORK, briefing())
+    rows, asked, alone = (
+        phone(rng),
+        Reckoner(compiled_network("phone"), briefing()),
+        Reckoner(compiled_network("phone"), briefing()),
+    )
     assert asked.latest_change_m() is None
     found: dict[Reckoner, list[FloatArray]] = {asked: [], alone: []}
     latest: list[tuple[float, FloatArray] | None] = []
@@ -166,9 +169,9 @@ def test_a_gap_in_a_turn_is_no_other_unit() -> None:
 
 def test_slow_or_missing_sensors_are_unsuitable(rng: np.random.Generator) -> None:
     with pytest.raises(UnsuitableError, match="20 Hz or more"):
-        Reckoner(NETWORK, briefing(10.0))
+        Reckoner(compiled_network("phone"), briefing(10.0))
     with pytest.raises(UnsuitableError, match="'gyro'"):
-        Reckoner(NETWORK, briefing(sensors=("accel", "rotation")))
+        Reckoner(compiled_network("phone"), briefing(sensors=("accel", "rotation")))
     with pytest.raises(RecordingError, match="comes at 10 Hz"):
         moves(phone(rng, rate_hz=10.0))  # briefed as 50 Hz
 
