@@ -41,17 +41,6 @@ def test_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert any((tmp_path / "report").glob("*-cdf.png"))
 
 
-def test_a_policy_learns_to_add_strides() -> None:
-    """As the page says: far below standing still, and near to adding the strides without an error of its own."""
-    pytest.importorskip("stable_baselines3")
-    namespace: dict[str, Any] = {}
-    for block in BLOCK.finditer((ROOT / "docs" / "learning.md").read_text(encoding="utf-8")):
-        exec(compile(block["code"], "learning.md", "exec"), namespace)
-    learned_m, means_m = namespace["learned_m"], namespace["means_m"]
-    assert learned_m < 0.4 * means_m["stay"]
-    assert learned_m < 1.5 * means_m["dead_reckoning"]
-
-
 def test_ci_runs_every_marked_block_and_each_is_there_once() -> None:
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *PAGES)]
     marked = [name for text in texts for name in re.findall(r"<!-- run: (\w+) -->\n```", text)]
