@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec, SensorStream
     from pdrbench.registry import make_localizer, make_task
     from pdrbench.result import Result
+    from pdrbench.session import Session
     from pdrbench.task import Task
     from pdrbench.trajectory import Estimates, Start, Trajectory
 
@@ -37,6 +38,7 @@ _NAMES = {  # by module
     "recording": ("MagneticMap", "RadioMap", "Recording", "SensorSpec", "SensorStream"),
     "registry": ("make_localizer", "make_task"),
     "result": ("Result",),
+    "session": ("Session",),
     "task": ("Task",),
     "trajectory": ("Estimates", "Start", "Trajectory"),
 }
@@ -58,6 +60,7 @@ __all__ = [
     "Result",
     "SensorSpec",
     "SensorStream",
+    "Session",
     "Start",
     "Task",
     "Trajectory",

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -56,6 +56,20 @@ class Player(Protocol):
         """Answers one observation."""
 
 
+def num_observations(end_s: float, period_s: float) -> int:
+    """How many observations, at 0, period, 2 period, ..., deliver everything up to `end_s`.
+
+    >>> num_observations(0.3, 0.2), num_observations(0.4, 0.2)
+    (3, 3)
+    """
+    return math.ceil((end_s - CLOCK_SLACK_S) / period_s) + 1
+
+
+def num_due(t_s: FloatArray, now_s: FloatArray | float) -> Any:
+    """How many rows of increasing times `t_s` (R,) have been delivered at `now_s`, shaped as it."""
+    return np.searchsorted(t_s, now_s + CLOCK_SLACK_S, side="right")
+
+
 def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[str, IntArray]]:
     """When what is handed out: at 0, period, 2 period, ... until everything recorded has been delivered.
 
@@ -65,14 +79,13 @@ def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[s
         now_s: (K,) time of each observation.
         ends: Per sensor (K + 1,) int, observation k owns the rows `ends[k]:ends[k + 1]`.
     """
-    num_observations = math.ceil((recording.end_s - CLOCK_SLACK_S) / task.period_s) + 1
-    now_s = np.arange(num_observations, dtype=np.float64) * task.period_s
+    now_s = np.arange(num_observations(recording.end_s, task.period_s), dtype=np.float64) * task.period_s
     ends = {}
     for spec in task.sensors:
         stream = recording.streams.get(spec.name)
         due = np.zeros(len(now_s), dtype=np.int64)
         if stream is not None:
-            due = np.searchsorted(stream.t_s, now_s + CLOCK_SLACK_S, side="right")
+            due = num_due(stream.t_s, now_s)
         ends[spec.name] = _limit_rise(due, task.capacity[spec.name])
         if ends[spec.name][-1] < due[-1]:
             raise RecordingError(
