@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import gc
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -111,3 +113,15 @@ def test_plans_with_thousands_of_edges_are_divided_within_seconds(data_root: Pat
     assert time.process_time() - start_s < 5.0  # 0.2 s where it was written
     assert cells.region.area_m2 == pytest.approx(building.area_m2, rel=1e-9)
     assert extents_m(cells).max() <= 8.0 + 1e-9
+
+
+def test_buildings_of_walks_before_are_let_go():
+    """Each replay of a recording has a building of its own, and its cells take megabytes."""
+    seen = []
+    for seed in range(8):
+        building = make_office(np.random.default_rng(seed), num_levels=1, area_m2=300.0)
+        divide(building)
+        seen.append(weakref.ref(building))
+    del building
+    gc.collect()
+    assert sum(of() is not None for of in seen) <= 4
