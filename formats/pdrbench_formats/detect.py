@@ -61,6 +61,10 @@ def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
             found = reader.read(place, **options)
         except geos_error() as error:
             raise MapError(f"{path}: its outlines cannot be laid over one another ({error}); redraw them") from error
+        except MapError as error:  # of what is drawn: builders know no files
+            if str(place) in str(error):
+                raise
+            raise MapError(f"{path}: {error}") from error
         return found if place == path or not isinstance(found, Log) else _with_skipped(found, place, Path(path))
 
 

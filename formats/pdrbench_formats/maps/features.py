@@ -7,7 +7,8 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
@@ -21,6 +22,7 @@ from pdrbench.io.text import from_utf16
 
 MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
+MAX_XML_DEPTH: Final = 100  # GML has 15 levels; what looks below each element takes the square of it
 MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is larger overflows squares
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 _UTF16_DECLARED: Final = re.compile(rb"\A(\s*<\?xml[^>]*?)\s+encoding=.UTF-16(?:LE|BE)?.", re.I)
@@ -105,6 +107,25 @@ def decoded(content: bytes, kind: Any, where: object) -> Any:
         return msgspec.json.decode(content, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MapError(f"{where}: {error}; copy or export the plan again") from error
+
+
+class _NoEntities(ElementTree.TreeBuilder):
+    def doctype(self, *_: object) -> NoReturn:
+        raise LookupError("it declares XML entities, which no plan needs")
+
+
+def xml_root(content: bytes, path: Path) -> ElementTree.Element:
+    """The root of an XML document, in whatever encoding it declares; `MapError` where it is none."""
+    try:
+        root = ElementTree.fromstring(content, ElementTree.XMLParser(target=_NoEntities()))
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two of encodings
+        raise MapError(f"{path}: not XML that can be read ({error}); export it again") from error
+    nodes = [root]
+    for _ in range(MAX_XML_DEPTH):
+        nodes = [child for node in nodes for child in node]
+    if nodes:
+        raise MapError(f"{path}: XML of more than {MAX_XML_DEPTH} levels; export it again")
+    return root
 
 
 def toml_table(path: Path, kind: type[_Table], needs: str) -> _Table:

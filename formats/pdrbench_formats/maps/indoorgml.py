@@ -7,6 +7,7 @@ leaves the one and enters the other. A transition between levels is a stair in t
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import MAX_VERTICES, member, name_of, opened
+from pdrbench_formats.maps.features import MAX_VERTICES, member, name_of, opened, xml_root
 from pdrbench_formats.maps.plan import Plan
 
 MIN_SIZE_M: Final = 0.5  # of all cells: no building is as small
@@ -63,12 +64,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     """
     path = Path(path)
     content = member(opened(path), path.name)
-    if b"<!ENTITY" in content or b"<!DOCTYPE" in content:
-        raise MapError(f"{path}: declares XML entities; no plan needs them, export it again")
-    try:
-        root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        raise MapError(f"{path}: not XML ({error}); export it again") from error
+    root = xml_root(content, path)
     if _CITYGML.decode() in root.tag:
         raise MapError(f"{path}: CityGML, which has no ways between rooms; export the plan as IndoorGML 1.0")
     if any("indoorgml/2" in element.tag for element in root.iter()):
@@ -149,16 +145,22 @@ def _attribute(element: ElementTree.Element, name: str) -> str:
 
 def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
     graph, total = _Graph(), 0
+    known: dict[ElementTree.Element, list[FloatArray] | None] = {}
     by_id = {_attribute(element, "id"): element for element in _all(root, *_FACES, "Surface", "OrientableSurface")}
     for cell in _all(root, "CellSpace", "GeneralSpace", "TransitionSpace", "ConnectionSpace", "AnchorSpace"):
         id = _attribute(cell, "id")
         name = next((child.text or "" for child in cell if _tag(child) == "name"), "")
-        faces = [face for polygon in _faces_of(cell, by_id) if (face := _face(polygon, path, id)) is not None]
+        faces = []
+        for polygon in _faces_of(cell, by_id):
+            if polygon not in known:  # cells share faces
+                known[polygon] = _face(polygon, path, id)
+            rings = known[polygon]
+            total += sum(map(len, rings)) if rings else 1
+            if total > MAX_VERTICES:
+                raise MapError(f"{path}: more than {MAX_VERTICES} vertices; simplify the plan")
+            faces += [rings] if rings else []
         graph.places += [face[0] for face in faces]
         graph.open_rings += sum(np.abs(ring[0] - ring[-1]).max() > 1e-3 for face in faces for ring in face)
-        total += sum(len(ring) for face in faces for ring in face)
-        if total > MAX_VERTICES:
-            raise MapError(f"{path}: more than {MAX_VERTICES} vertices; simplify the plan")
         kinds = " ".join(child.text or "" for child in cell if _tag(child) in ("class", "function", "usage"))
         is_door = _tag(cell) in ("ConnectionSpace", "AnchorSpace") or bool(_DOOR.search(f"{name} {kinds}"))
         space = _space(id, name.strip(), faces, is_door)
@@ -192,17 +194,17 @@ def _faces_of(cell: ElementTree.Element, by_id: Mapping[str, ElementTree.Element
 
 def _positions(element: ElementTree.Element, path: Path, where: str) -> FloatArray:
     """(N, 3) positions below an element, two-dimensional ones at height 0."""
-    rows = []
+    flat: list[float] = []
     for node in _all(element, "pos", "posList"):
         try:
             numbers = [float(word) for word in (node.text or "").split()]
+            size = int(node.attrib.get("srsDimension", 3 if len(numbers) % 3 == 0 else 2))
         except ValueError:
             raise MapError(f"{path}: {where}: {(node.text or '')[:40]!r} holds no numbers; export it again") from None
-        size = int(node.attrib.get("srsDimension", 3 if len(numbers) % 3 == 0 else 2))
-        if not numbers or size not in (2, 3) or len(numbers) % size or not np.isfinite(numbers).all():
+        if not numbers or size not in (2, 3) or len(numbers) % size or not all(map(math.isfinite, numbers)):
             raise MapError(f"{path}: {where}: positions of {len(numbers)} numbers; expected threes; export it again")
-        rows.append(np.pad(np.array(numbers).reshape(-1, size), ((0, 0), (0, 3 - size))))
-    return np.concatenate(rows) if rows else np.zeros((0, 3))
+        flat += numbers if size == 3 else [x for k in range(0, len(numbers), 2) for x in (*numbers[k : k + 2], 0.0)]
+    return np.array(flat).reshape(-1, 3)
 
 
 def _face(polygon: ElementTree.Element, path: Path, id: str) -> list[FloatArray] | None:

@@ -33,6 +33,7 @@ from pdrbench_formats.maps.features import (
     opened,
     read_features,
     to_metres,
+    xml_root,
 )
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
@@ -284,12 +285,7 @@ def _elements(content: bytes, path: Path) -> list[_Element]:
                 f"{path}: Overpass found nothing{answer.remark and f', and said {answer.remark!r}'}; ask again"
             )
         return answer.elements
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise MapError(f"{path}: declares XML entities, which no OpenStreetMap file does; export it again")
-    try:
-        root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        raise MapError(f"{path}: not XML ({error}); export it again") from error
+    root = xml_root(content, path)
     return [_xml_element(element) for element in root if element.tag in ("node", "way", "relation")]
 
 

@@ -40,6 +40,7 @@ MIN_ROOM_M2: Final = 4.0  # smaller ones all round which another room lies are t
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
 SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
+MIN_SIDE_M: Final = 1.0  # of a picture: less is no plan, and an entrance would be far wider than all of it
 MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
 NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
 NECK_RADII: Final = 32
@@ -92,6 +93,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
             raise MapError(
                 f"{table}: a pixel is {picture.metres_per_pixel:g} m; expected 0.0001 to 10 m, or name a unit"
             )
+        if min(grey.shape) * picture.metres_per_pixel < MIN_SIDE_M:
+            raise MapError(f"{place}: a side is less than {MIN_SIDE_M:g} m long; is metres_per_pixel wrong?")
         free = _inside(grey, builder, picture, place)
         origin = _Origin(picture.metres_per_pixel, np.array(picture.origin_m))
         _add_free(builder, free, picture.level, origin, place)
@@ -148,9 +151,8 @@ def _neck(bright: BoolArray) -> float:
     radii = np.geomspace(1.0, max(float(half.max()) / 2.0, 2.0), NECK_RADII)
     counts = []
     for radius in radii:
-        labels, num = ndimage.label(half > radius)
-        deepest = ndimage.maximum(half, labels, np.arange(1, num + 1)) if num else np.zeros(0)
-        counts.append(int((np.asarray(deepest) > MIN_DEPTH * radius).sum()))  # a room is wider than its door
+        labels, _ = ndimage.label(half > radius)
+        counts.append(np.count_nonzero(np.bincount(labels[half > MIN_DEPTH * radius])))  # a room is wider than its door
     more = np.diff(counts)
     return 2.0 * float(radii[1 + int(more.argmax())]) * step if more.max() > 0 else 0.0
 
@@ -200,18 +202,21 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
     """
     from scipy import ndimage
 
+    if bright.all():
+        return None
     skimage = _skimage()
     radius = max(1, round(CLOSE_M / metres_per_pixel / 2))
-    walls = skimage.morphology.closing(~bright, skimage.morphology.disk(radius))
-    if not walls.any():
-        return None
+    walls = ndimage.distance_transform_edt(bright) <= radius  # closed by discs: grown, and shrunk again
+    walls = walls if walls.all() else ndimage.distance_transform_edt(walls) > radius
+    margin = int(ENTRANCES_M[-1] / metres_per_pixel / 2) + 2  # of paper, from which the disc comes
+    padded = np.pad(walls, margin)
+    clear = ndimage.distance_transform_edt(~padded)
     found = []
     for wide_m in ENTRANCES_M:
         half = wide_m / metres_per_pixel / 2
-        margin = int(half) + 2  # of paper, from which the disc comes
-        padded = np.pad(walls, margin)
-        labels = skimage.measure.label(ndimage.distance_transform_edt(~padded) > half, connectivity=1)
-        outside = ndimage.distance_transform_edt(labels != labels[0, 0]) <= half
+        labels = skimage.measure.label(clear > half, connectivity=1)
+        beside = labels != labels[0, 0]
+        outside = ndimage.distance_transform_edt(beside) <= half if half else ~beside
         found.append(~walls & ~outside[margin:-margin, margin:-margin])
     areas = [int(inside.sum()) for inside in found]
     if max(areas) * metres_per_pixel**2 < MIN_AREA_M2:
@@ -242,15 +247,28 @@ def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, origin: _Or
     def to_metres(rows: FloatArray) -> FloatArray:
         return origin.to_metres(np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]]))
 
+    pixels = MIN_AREA_M2 / origin.metres_per_pixel**2
+    free = _without_specks(free, pixels)
     polygons = [polygon for polygon in trace(free) if polygon.area * origin.metres_per_pixel**2 >= MIN_AREA_M2]
     if not polygons:
         raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
     filled = shapely.union_all([shapely.Polygon(hole) for polygon in polygons for hole in polygon.interiors])
+    shapely.prepare(filled)
     small = [p.area * origin.metres_per_pixel**2 < MIN_ROOM_M2 and filled.contains(p) for p in polygons]
     if any(small):
         builder.note("furniture left out", f"{sum(small)} small areas inside of rooms are no rooms", level)
     for number, polygon in enumerate(p for p, is_small in zip(polygons, small, strict=True) if not is_small):
         builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{number}", walled=False)
+
+
+def _without_specks(free: BoolArray, pixels: float) -> BoolArray:
+    """(H, W) without free parts of fewer pixels, and without dirt: neither would be kept, and noise has thousands."""
+    from scipy import ndimage
+
+    parts, _ = ndimage.label(free)
+    free = free & (np.bincount(parts.ravel()) >= pixels)[parts]
+    holes, _ = ndimage.label(~free, np.ones((3, 3)))
+    return np.asarray(free | (np.bincount(holes.ravel()) <= MIN_HOLE_PIXELS)[holes])
 
 
 def trace(mask: BoolArray) -> list[Any]:
@@ -260,23 +278,23 @@ def trace(mask: BoolArray) -> list[Any]:
     skimage = _skimage()
     padded = np.pad(mask, 1)
     contours = skimage.measure.find_contours(padded.astype(np.float64), 0.5)
-    lines = [shapely.Polygon(contour[:, ::-1] - 0.5) for contour in contours if len(contour) > 3]
-    lines = [shapely.simplify(line, SIMPLIFY_PIXELS) for line in lines]
-    lines = [
-        part for line in lines for part in shapely.get_parts(shapely.make_valid(line)) if part.geom_type == "Polygon"
-    ]
+    rings = [shapely.LinearRing(contour[:, ::-1] - 0.5) for contour in contours if len(contour) > 3]
+    if not rings:
+        return []
+    lines = shapely.get_parts(shapely.make_valid(shapely.simplify(shapely.polygons(rings), SIMPLIFY_PIXELS)))
+    lines = lines[shapely.get_type_id(lines) == shapely.GeometryType.POLYGON]
     # Contours are nested: an even number of others round one makes it an outline, an odd number a hole.
-    lines.sort(key=lambda line: -line.area)
-    tree = shapely.STRtree(lines)
-    depth = [sum(int(j) < i and lines[int(j)].contains(line.representative_point()) for j in tree.query(line))
-             for i, line in enumerate(lines)]  # fmt: skip
+    lines = lines[np.argsort(-shapely.area(lines), kind="stable")]
+    outer, inner = shapely.STRtree(shapely.point_on_surface(lines)).query(lines, predicate="contains")
+    outer, inner = outer[outer < inner], inner[outer < inner]
+    depth = np.bincount(inner, minlength=len(lines))
+    is_hole = (depth[inner] == depth[outer] + 1) & (shapely.area(lines[inner]) > MIN_HOLE_PIXELS)
+    holes = {int(i): lines[inner[is_hole & (outer == i)]] for i in np.unique(outer[is_hole])}
     found = []
-    for i, line in enumerate(lines):
-        if depth[i] % 2 == 0:
-            inner = [lines[int(j)] for j in tree.query(line) if depth[int(j)] == depth[i] + 1]
-            holes = [hole for hole in inner if hole.area > MIN_HOLE_PIXELS]
-            found += [p for p in shapely.get_parts(shapely.difference(line, shapely.union_all(holes))) if p.area > 0]
-    return [polygon for polygon in found if polygon.geom_type == "Polygon"]
+    for i in np.flatnonzero(depth % 2 == 0).tolist():
+        rest = shapely.difference(lines[i], shapely.union_all(holes[i])) if i in holes else lines[i]
+        found += [part for part in shapely.get_parts(rest) if part.geom_type == "Polygon" and part.area > 0]
+    return found
 
 
 def sniff(head: Head) -> bool:
