@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.result import COMPLETE, ONLINE, Result
+from pdrbench.result import COMPLETE, OFFLINE, ONLINE, Result
 
 FRACTION: Final = 0.05  # of walks that become a canary of each kind
 MIN_CANARIES: Final = 3  # of each kind, where there are so many walks
@@ -41,7 +41,7 @@ class Canary(msgspec.Struct, array_like=True, frozen=True):
 
 
 class CanaryRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What canaries showed of an entry.
+    """What canaries showed of an entry, in the division in which its answers moved less.
 
     Attributes:
         compared: Walks that were cut short and whose answers were compared.
@@ -117,29 +117,34 @@ def examine(canaries: Mapping[str, Canary], results: Sequence[Result]) -> Found:
         canaries: By the name under which they were played.
         results: Of the entry, on canaries and on the walks that they begin as.
     """
-    by_walk = {of.walk: of for of in results if of.division == ONLINE}
-    compared, moves, future = 0, [], ""
-    for name, canary in canaries.items():
-        whole, played = by_walk.get(canary.of), by_walk.get(name)
-        if whole is None or played is None or whole.status != COMPLETE:
-            continue
-        if canary.kind == "crossed":
-            moves.append(_moved(whole, played, canary.since_s))
-        elif whole.provenance.get("machine") == played.provenance.get("machine"):  # others round otherwise
-            compared += 1
-            future = future or _difference(whole, played)
-    moves = [of for of in moves if of[1] > MIN_PATH_M]
-    if not moves:
-        return Found(CanaryRecord(compared=compared, crossed=0), future)
+    compared, future, records = 0, "", []
+    for division in (ONLINE, OFFLINE):  # a track that is revised when the walk is over may come from memory as well
+        by_walk = {of.walk: of for of in results if of.division == division}
+        moves = []
+        for name, canary in canaries.items():
+            whole, played = by_walk.get(canary.of), by_walk.get(name)
+            if whole is None or played is None or whole.status != COMPLETE:
+                continue
+            if canary.kind == "crossed":
+                moves.append(_moved(whole, played, canary.since_s))
+            elif division == ONLINE and whole.provenance.get("machine") == played.provenance.get("machine"):
+                compared += 1  # on another machine numbers are rounded otherwise
+                future = future or _difference(whole, played)
+        if moves := [of for of in moves if of[1] > MIN_PATH_M]:
+            records.append(_record(moves))
+    least = min(records, key=lambda of: of.response or 0.0, default=CanaryRecord(compared=0, crossed=0))
+    return Found(msgspec.structs.replace(least, compared=compared), future)
+
+
+def _record(moves: Sequence[tuple[float, float]]) -> CanaryRecord:
     moved_m, path_m = np.array(moves).T
-    record = CanaryRecord(
-        compared=compared,
+    return CanaryRecord(
+        compared=0,
         crossed=len(moves),
         moved_m=round(float(np.median(moved_m)), 4),
         path_m=round(float(np.median(path_m)), 4),
         response=round(float(np.median(moved_m / path_m)), 4),
     )
-    return Found(record, future)
 
 
 def judge(record: CanaryRecord, others: Sequence[float]) -> CanaryRecord:

@@ -66,6 +66,21 @@ class Flees(ByVertex):
             self.before = row[1:3]
 
 
+class Revises(ByVertex):
+    """Answers by its sensors, and remembers the walk when it is over."""
+
+    def reset(self, briefing, rng):
+        super().reset(briefing, rng)
+        self.track = []
+
+    def step(self, observation):
+        self.track.append([observation.now_s, *super().step(observation).xy_m, 0.0])
+        return Estimate(observation["position"][-1:, 1:3].sum(axis=0), 0)
+
+    def revise(self):
+        return np.array(self.track)
+
+
 class BySteps(ByVertex):
     """Knows each walk by how far the sensors say that it went in its first seconds."""
 
@@ -123,14 +138,14 @@ def played(settings: Settings, spec: str, name: str, tmp_path: Path) -> record.P
     return record.read_entry(settings.root / "toy" / name)[0].parts[0]
 
 
-@pytest.mark.parametrize("kind", ["ByVertex", "BySteps", "ByRadio", "Flees"])
+@pytest.mark.parametrize("kind", ["ByVertex", "BySteps", "ByRadio", "Flees", "Revises"])
 def test_what_answers_from_memory_is_first_and_held_for_a_person(
     settings: Settings, memorisers: Path, toy_board: Board, tmp_path: Path, kind: str
 ) -> None:
     part = played(settings, f"{memorisers}:{kind}", "remembers", tmp_path)
     assert part.canaries is not None
     assert (part.canaries.crossed, part.canaries.moved_m, part.canaries.response) == (MIN_CANARIES, 0.0, 0.0)
-    assert max(record.numbers(part.divisions[0].values["p75_m"])) < 0.05, "it would be first"
+    assert max(record.numbers(part.divisions[-1].values["p75_m"])) < 0.05, "it would be first"
     folder = settings.root / "toy" / "remembers"
     entry, _ = record.read_entry(folder)
     assert "a person looks at it" in record.held(entry)
