@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -131,20 +131,12 @@ def examine(canaries: Mapping[str, Canary], results: Sequence[Result]) -> Found:
                 compared += 1  # on another machine numbers are rounded otherwise
                 future = future or _difference(whole, played)
         if moves := [of for of in moves if of[1] > MIN_PATH_M]:
-            records.append(_record(moves))
+            moved_m, path_m = np.array(moves).T
+            shown = {"moved_m": moved_m, "path_m": path_m, "response": moved_m / path_m}
+            medians: dict[str, Any] = {name: round(float(np.median(of)), 4) for name, of in shown.items()}
+            records.append(CanaryRecord(compared=0, crossed=len(moves), **medians))
     least = min(records, key=lambda of: of.response or 0.0, default=CanaryRecord(compared=0, crossed=0))
     return Found(msgspec.structs.replace(least, compared=compared), future)
-
-
-def _record(moves: Sequence[tuple[float, float]]) -> CanaryRecord:
-    moved_m, path_m = np.array(moves).T
-    return CanaryRecord(
-        compared=0,
-        crossed=len(moves),
-        moved_m=round(float(np.median(moved_m)), 4),
-        path_m=round(float(np.median(path_m)), 4),
-        response=round(float(np.median(moved_m / path_m)), 4),
-    )
 
 
 def judge(record: CanaryRecord, others: Sequence[float]) -> CanaryRecord:

@@ -322,7 +322,8 @@ def _drawn_task(folder: Path, mtime_ns: int) -> Task:
         walk = walk_of(name)
         streams = {sensor: SensorStream(specs[sensor], rows) for sensor, rows in walk.rows.items()}
         brief = walk.briefing
-        return Recording(name, brief.building, streams, _end(walk.end_s), brief.subject, "", brief.mounting)
+        end = Trajectory(np.array([walk.end_s]), np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros(1, bool))  # no more
+        return Recording(name, brief.building, streams, end, brief.subject, "", brief.mounting)
 
     def tell_start(recording: Recording) -> Start:
         start = briefing(recording).start
@@ -347,11 +348,6 @@ def _drawn_task(folder: Path, mtime_ns: int) -> Task:
         files_sha256=lambda name: index.walks[name],
         random_as=index.random_as,
     )
-
-
-def _end(end_s: float) -> Trajectory:
-    """A reference that says nothing but when the walk is over."""
-    return Trajectory(np.array([end_s]), np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros(1, bool))
 
 
 def walks_sha256(index: Index) -> str:

@@ -112,9 +112,9 @@ def open_container(path: Path) -> Container:
             or has members outside itself.
     """
     path = Path(path)
-    if path.is_dir():
-        return _container(path, _folder_sizes(path), is_zip=False)
     try:
+        if path.is_dir():
+            return _container(path, _folder_sizes(path), is_zip=False)
         with path.open("rb") as file:
             is_zip = file.read(4) == ZIP_MAGIC
         size = path.stat().st_size

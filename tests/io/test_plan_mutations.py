@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plan_mutations import changed, pick
-from plan_samples import FOREIGN, MADE, house, plain
+from plan_samples import FOREIGN, MADE, house, picture, plain
 
 from pdrbench.building.connectivity import reachable_parts
 from pdrbench.errors import PdrbenchError
@@ -25,21 +25,18 @@ PLANS: dict[str, Callable[[Path], Path]] = {
 }
 
 
-def mutated(rng: np.random.Generator, path: Path) -> bytes:
-    """The content of a plan in which it, or one member of its archive, is changed."""
+def mutated(rng: np.random.Generator, path: Path, whole: bytes) -> None:
+    """Writes a plan in which it, or one member of its archive, is changed."""
+    path.write_bytes(whole)
     if not zipfile.is_zipfile(path):
-        return changed(rng, path.read_bytes(), path.name)
+        path.write_bytes(changed(rng, whole, path.name))
+        return
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     name = pick(rng, sorted(members))
     with zipfile.ZipFile(path, "w") as archive:
         for member, content in (members | {name: changed(rng, members[name], name)}).items():
             archive.writestr(member, content)
-    content = path.read_bytes()
-    with zipfile.ZipFile(path, "w") as archive:
-        for member, whole in members.items():
-            archive.writestr(member, whole)
-    return content
 
 
 @pytest.mark.parametrize("kind", PLANS)
@@ -50,8 +47,7 @@ def test_a_changed_plan_is_a_building_or_the_documented_error(kind: str, tmp_pat
     worst = path.with_name("map.pgm") if kind == "ros_map" else path
     whole = worst.read_bytes()
     for _ in range(NUM):
-        worst.write_bytes(whole)
-        worst.write_bytes(mutated(rng, worst))
+        mutated(rng, worst, whole)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numbers that overflow
             try:
@@ -60,3 +56,17 @@ def test_a_changed_plan_is_a_building_or_the_documented_error(kind: str, tmp_pat
                 assert str(path.parent) in str(error), error
                 continue
         assert len(reachable_parts(plan.building)) == len(plan.building.polygons)
+
+
+def test_a_large_picture_is_thinned_and_its_walls_are_kept(tmp_path: Path) -> None:
+    pytest.importorskip("skimage")
+    from PIL import Image
+
+    path = picture(tmp_path)
+    small = read_plan(path)
+    Image.open(path).resize((2400, 1200), Image.Resampling.NEAREST).save(path)
+    path.with_suffix(".toml").write_text('[[level]]\nimage = "ground.png"\nmetres_per_pixel = 0.005\n')
+    large = read_plan(path)
+    assert "picture thinned" in str(large.repairs)
+    areas = [sorted(polygon.area_m2 for polygon in plan.building.polygons) for plan in (small, large)]
+    assert areas[1] == pytest.approx(areas[0], rel=0.01)

@@ -14,6 +14,7 @@ The unit is that of $INSUNITS where what is drawn can be so large. `unit = "mm"`
 from __future__ import annotations
 
 import io
+import logging
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -120,6 +121,7 @@ def _document(path: Path) -> Any:
         from ezdxf.lldxf.const import DXFError
     except ImportError:
         raise MapError("reading DXF needs ezdxf: pip install pdrbench[maps]") from None
+    logging.getLogger("ezdxf").setLevel(logging.CRITICAL)  # it prints what a file holds, as it is
     content = member(opened(path), path.name)
     if _DWG.match(content):
         raise MapError(f"{path}: a DWG drawing, whose format is not public; save it as DXF 2010 or later")

@@ -22,6 +22,7 @@ from pdrbench.io.text import from_utf16
 
 MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
+MAX_NAME: Final = 250  # characters
 MAX_XML_DEPTH: Final = 100  # GML has 15 levels; what looks below each element takes the square of it
 MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is larger overflows squares
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
@@ -139,8 +140,8 @@ def toml_table(path: Path, kind: type[_Table], needs: str) -> _Table:
 def beside(table: Path, name: str) -> Path:
     """The path of a file in the folder of a table that names it; `MapError` where it would lie elsewhere."""
     inside = PurePosixPath(name)
-    if inside.is_absolute() or ".." in inside.parts or not name:
-        raise MapError(f"{table}: {name!r} is no file beside it; copy it there")
+    if inside.is_absolute() or ".." in inside.parts or not 0 < len(name) <= MAX_NAME:
+        raise MapError(f"{table}: {name[:80]!r} is no file beside it; copy it there")
     return table.parent / inside
 
 

@@ -145,17 +145,15 @@ def _attribute(element: ElementTree.Element, name: str) -> str:
 
 def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
     graph, total = _Graph(), 0
-    known: dict[ElementTree.Element, list[FloatArray] | None] = {}
+    known: dict[ElementTree.Element, list[FloatArray]] = {}
     by_id = {_attribute(element, "id"): element for element in _all(root, *_FACES, "Surface", "OrientableSurface")}
     for cell in _all(root, "CellSpace", "GeneralSpace", "TransitionSpace", "ConnectionSpace", "AnchorSpace"):
         id = _attribute(cell, "id")
         name = next((child.text or "" for child in cell if _tag(child) == "name"), "")
         faces = []
         for polygon in _faces_of(cell, by_id):
-            if polygon not in known:  # cells share faces
-                known[polygon] = _face(polygon, path, id)
-            rings = known[polygon]
-            total += sum(map(len, rings)) if rings else 1
+            rings = known[polygon] = known.get(polygon) or _face(polygon, path, id)  # cells share faces
+            total += sum(map(len, rings)) or 1
             if total > MAX_VERTICES:
                 raise MapError(f"{path}: more than {MAX_VERTICES} vertices; simplify the plan")
             faces += [rings] if rings else []
@@ -207,11 +205,10 @@ def _positions(element: ElementTree.Element, path: Path, where: str) -> FloatArr
     return np.array(flat).reshape(-1, 3)
 
 
-def _face(polygon: ElementTree.Element, path: Path, id: str) -> list[FloatArray] | None:
-    """Rings (N, 3) of a face, None where it has none."""
+def _face(polygon: ElementTree.Element, path: Path, id: str) -> list[FloatArray]:
+    """Rings (N, 3) of a face."""
     rings = [_positions(ring, path, f"cell {id!r}") for ring in _all(polygon, "LinearRing")]
-    rings = [ring for ring in rings if len(ring) >= 4]
-    return rings or None
+    return [ring for ring in rings if len(ring) >= 4]
 
 
 def _space(id: str, name: str, faces: list[list[FloatArray]], is_door: bool) -> _Space | None:

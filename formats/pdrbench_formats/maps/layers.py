@@ -32,6 +32,7 @@ DOOR_M: Final = (0.6, 1.5)  # widths of doors, DIN 18100 and of double leaves
 DOUBLE_DOOR_M: Final = 3.0
 TREAD_M: Final = (0.22, 0.36)  # depth of treads, DIN 18065
 MAX_PASSAGE_M: Final = 10.0  # between two parts of a hall
+MAX_TREADS: Final = 500  # that are compared, each with each
 MIN_TREADS: Final = 4  # parallel lines that are a flight
 MIN_LIKELIER: Final = 1.25  # a unit is chosen over another that fits as well by so much
 CLOSE_M: Final = 1.3  # half of a gap in the outer walls that is closed to find the floor
@@ -203,6 +204,7 @@ def _door(shapes: Mapping[str, list[Any]]) -> float:
 def _tread(shapes: Mapping[str, list[Any]]) -> float:
     """Median distance of lines on layers of stairs from the nearest parallel one; 0 where there are few."""
     lines = [np.array(shape.coords)[[0, -1]] for shape in shapes["stairs"] if shape.geom_type == "LineString"]
+    lines = lines[:MAX_TREADS]
     if len(lines) < MIN_TREADS:
         return 0.0
     ends = np.array(lines)

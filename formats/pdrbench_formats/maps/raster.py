@@ -13,6 +13,7 @@ A picture is drawn with x to the right and y up; (0, 0) is its lower left corner
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +21,10 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from pdrbench.errors import MapError
-from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
@@ -31,6 +33,7 @@ from pdrbench_formats.maps.layers import UNITS, Unit, scale_of
 from pdrbench_formats.maps.plan import Plan
 
 MAX_PIXELS: Final = 64_000_000
+MAX_TRACED: Final = 1_000_000  # a larger picture is thinned: one of 1 kB and 15 million pixels took 21 s
 DARK: Final = 0.5  # of white: darker pixels are wall
 MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
 ENTRANCES_M: Final = (0.0, 1.1, 2.0)  # wall to wall: closed, one leaf, two leaves
@@ -46,6 +49,9 @@ NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larg
 NECK_RADII: Final = 32
 MIN_DEPTH: Final = 1.5  # of a room, in widths of its door
 _NEEDS: Final = "reading pictures needs scikit-image: pip install pdrbench[maps]"
+
+
+ByteArray = npt.NDArray[np.uint8]
 
 
 class Picture(msgspec.Struct, forbid_unknown_fields=True):
@@ -86,8 +92,13 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         if not 0.0 < picture.metres_per_pixel < np.inf:
             raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected more than 0")
         place = beside(table, picture.image)
-        grey = _grey(place)
         builder.add_level(picture.level, height_m=picture.height_m)
+        pixels = _grey(place)
+        bright = pixels > 255 * (DARK if picture.dark is None else picture.dark)
+        are_bright = bool(bright.mean() < MIN_BRIGHT and picture.dark is None)
+        pixels, step = _thinned(pixels, builder, picture.level, walls_are_bright=are_bright)
+        grey = pixels / 255.0
+        picture = msgspec.structs.replace(picture, metres_per_pixel=picture.metres_per_pixel * step)
         picture = _in_metres(picture, grey, plan.unit, builder)
         if not 1e-4 < picture.metres_per_pixel < 10:
             raise MapError(
@@ -101,8 +112,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     return finished(builder, "picture")
 
 
-def _grey(path: Path) -> FloatArray:
-    """(H, W) brightness from 0, black, to 1, white; transparent is white."""
+def _grey(path: Path) -> ByteArray:
+    """(H, W) brightness from 0, black, to 255, white; transparent is white."""
     from PIL import Image, UnidentifiedImageError
 
     container = opened(path)
@@ -119,10 +130,30 @@ def _grey(path: Path) -> FloatArray:
                 rgba = image.convert("RGBA")
                 white = Image.new("RGBA", rgba.size, "white")
                 image = Image.alpha_composite(white, rgba)  # type: ignore[assignment]
-            grey: FloatArray = np.asarray(image.convert("L"), dtype=np.float64) / 255.0
+            grey: ByteArray = np.asarray(image.convert("L"))
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise MapError(f"{path}: no picture that can be read ({error}); save it as PNG") from error
     return grey
+
+
+def _thinned(pixels: Any, builder: BuildingBuilder, level: int, *, walls_are_bright: bool = False) -> tuple[Any, int]:
+    """One pixel for each square of pixels, that which is most like a wall, and how many are a side of the square."""
+    step = max(1, math.ceil(math.sqrt(pixels.size / MAX_TRACED)))
+    if step > 1:
+        what = f"of {step} by {step} pixels the one most like a wall was read"
+        builder.note("picture thinned", what, level)
+    rows, columns = (-size % step for size in pixels.shape)
+    padded = np.pad(pixels, ((rows, 0), (0, columns)), mode="edge")
+    squares = padded.reshape(len(padded) // step, step, -1, step)
+    return (squares.max if walls_are_bright else squares.min)(axis=(1, 3)), step
+
+
+def _far2(mask: BoolArray) -> IntArray:
+    """(H, W) pixels, squared, from each true pixel to the nearest that is false."""
+    from scipy import ndimage
+
+    nearest = ndimage.distance_transform_edt(mask, return_distances=False, return_indices=True)
+    return np.asarray(((nearest - np.indices(mask.shape, np.int32)) ** 2).sum(axis=0))
 
 
 def _in_metres(picture: Picture, grey: FloatArray, unit: Unit, builder: BuildingBuilder) -> Picture:
@@ -147,12 +178,13 @@ def _neck(bright: BoolArray) -> float:
     from scipy import ndimage
 
     step = int(np.ceil(np.sqrt(bright.size / NECK_PIXELS)))
-    half = ndimage.distance_transform_edt(bright[::step, ::step])
-    radii = np.geomspace(1.0, max(float(half.max()) / 2.0, 2.0), NECK_RADII)
+    far2 = _far2(bright[::step, ::step])
+    radii = np.geomspace(1.0, max(float(far2.max()) ** 0.5 / 2.0, 2.0), NECK_RADII)
     counts = []
     for radius in radii:
-        labels, _ = ndimage.label(half > radius)
-        counts.append(np.count_nonzero(np.bincount(labels[half > MIN_DEPTH * radius])))  # a room is wider than its door
+        labels, _ = ndimage.label(far2 > radius**2)
+        deep = far2 > (MIN_DEPTH * radius) ** 2  # a room is wider than its door
+        counts.append(np.count_nonzero(np.bincount(labels[deep])))
     more = np.diff(counts)
     return 2.0 * float(radii[1 + int(more.argmax())]) * step if more.max() > 0 else 0.0
 
@@ -200,23 +232,21 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
 
     The disc is a point, or as wide as an open entrance where that leaves much more inside.
     """
-    from scipy import ndimage
 
     if bright.all():
         return None
     skimage = _skimage()
     radius = max(1, round(CLOSE_M / metres_per_pixel / 2))
-    walls = ndimage.distance_transform_edt(bright) <= radius  # closed by discs: grown, and shrunk again
-    walls = walls if walls.all() else ndimage.distance_transform_edt(walls) > radius
+    walls = _far2(bright) <= radius**2  # closed by discs: grown, and shrunk again
+    walls = walls if walls.all() else _far2(walls) > radius**2
     margin = int(ENTRANCES_M[-1] / metres_per_pixel / 2) + 2  # of paper, from which the disc comes
-    padded = np.pad(walls, margin)
-    clear = ndimage.distance_transform_edt(~padded)
+    clear2 = _far2(~np.pad(walls, margin))
     found = []
     for wide_m in ENTRANCES_M:
         half = wide_m / metres_per_pixel / 2
-        labels = skimage.measure.label(clear > half, connectivity=1)
+        labels = skimage.measure.label(clear2 > half**2, connectivity=1)
         beside = labels != labels[0, 0]
-        outside = ndimage.distance_transform_edt(beside) <= half if half else ~beside
+        outside = _far2(beside) <= half**2 if half else ~beside
         found.append(~walls & ~outside[margin:-margin, margin:-margin])
     areas = [int(inside.sum()) for inside in found]
     if max(areas) * metres_per_pixel**2 < MIN_AREA_M2:
@@ -341,17 +371,18 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: {error}; a map needs image, resolution and origin") from error
     if not 1e-4 < ros.resolution < 10:
         raise MapError(f"{path}: resolution is {ros.resolution:g}; expected metres a pixel")
-    grey = _grey(beside(path, ros.image))
-    occupied = grey if ros.negate else 1.0 - grey
-    builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
-    free: BoolArray = occupied < ros.free_thresh
+    pixels, levels = _grey(beside(path, ros.image)), np.arange(256) / 255.0
+    occupied = levels if ros.negate else 1.0 - levels
+    free = occupied < ros.free_thresh
     if ros.mode == "trinary":  # map_saver marks unknown cells so, also where free_thresh would take them for free
-        free &= np.abs(grey - UNKNOWN_GREY / 255.0) > 1e-6
-    unknown = int((~free & (occupied <= ros.occupied_thresh)).sum())
+        free[UNKNOWN_GREY] = False
+    builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
+    unknown = int((~free & (occupied <= ros.occupied_thresh))[pixels].sum())
     if unknown:
-        builder.note("unknown cells", f"{unknown} of {free.size} cells are unknown: taken for wall", 0)
-    origin = _Origin(ros.resolution, np.array(ros.origin[:2]), ros.origin[2])
-    _add_free(builder, free, 0, origin, path)
+        builder.note("unknown cells", f"{unknown} of {pixels.size} cells are unknown: taken for wall", 0)
+    cells, step = _thinned(free[pixels], builder, 0)
+    origin = _Origin(ros.resolution * step, np.array(ros.origin[:2]), ros.origin[2])
+    _add_free(builder, cells, 0, origin, path)
     return finished(builder, "ros_map")
 
 

@@ -43,7 +43,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     container = opened(path)
     names = container.names() if container.is_file else container.names(".shp")
     features = [feature for name in names for feature in _features(container, name)]
-    projections = {name: _projection(container, name) for name in names}
+    projections = {name: _part(container, name, ".prj").decode(errors="replace") for name in names}
     if len(set(projections.values())) > 1:
         raise MapError(f"{path}: its shapefiles have different projections; export all in one")
     return plan_of(path, features, next(iter(projections.values()), ""), strict=strict, source="shapefile")
@@ -61,7 +61,8 @@ def plan_of(path: Path, features: Sequence[Feature], projection: str, *, strict:
     """
     builder, skipped = BuildingBuilder(name_of(path), strict=strict), Counter[str]()
     levels: dict[int, Drawn] = defaultdict(lambda: {name: [] for name in LAYERS})
-    geo = frame_of(features) if features and _in_degrees(features, projection) else None
+    names_degrees = projection.lstrip().startswith("GEOGCS")
+    geo = frame_of(features) if features and (names_degrees or (not projection and is_degrees(features))) else None
     for feature in features:
         layer, level = layer_of(feature), _level_of(feature)
         if not layer:
@@ -111,14 +112,6 @@ def _parts(shape: Any) -> list[Any]:
 
     parts = shapely.get_parts(shape)
     return [shapely.Polygon(one.coords) if one.geom_type == "LineString" and one.is_closed else one for one in parts]
-
-
-def _in_degrees(features: Sequence[Feature], projection: str) -> bool:
-    return projection.lstrip().startswith("GEOGCS") or (not projection and is_degrees(features))
-
-
-def _projection(container: Container, name: str) -> str:
-    return _part(container, name, ".prj").decode(errors="replace")
 
 
 def _part(container: Container, name: str, suffix: str) -> bytes:

@@ -18,6 +18,7 @@ import dataclasses
 import gc
 import io
 import json
+import logging
 import os
 import re
 import resource
@@ -153,6 +154,10 @@ class Fuzzer:
         """Reads a plan, counts how it ended, and keeps it where that is a finding or is new."""
         ends, error, took_s, rise = self._read(files)
         state, size = self.state, sum(map(len, files.values()))
+        most_bytes = self.baseline + MOST_MEMORY * size + NOISE_BYTES
+        if took_s > MOST_S or rise > most_bytes:  # once more: a library may have been loaded, a processor shared
+            _, _, again_s, again = self._read(files)
+            took_s, rise = min(took_s, again_s), min(rise, again)
         beyond = max(rise - self.baseline, 0)
         state.plans += 1
         state.reading_s += took_s
@@ -161,7 +166,7 @@ class Fuzzer:
         state.most_bytes = max(state.most_bytes, beyond)
         state.most_memory = max(state.most_memory, max(beyond - NOISE_BYTES, 0) / max(size, 1))
         faults = {"leaks": ends == "leaks", "slow": took_s > MOST_S}
-        faults["big"] = beyond > MOST_MEMORY * size + NOISE_BYTES
+        faults["big"] = rise > most_bytes
         for name in (name for name, is_one in faults.items() if is_one):
             setattr(state, name, getattr(state, name) + 1)
             place = self.found / f"{name}-{_where(error) if name == 'leaks' else int(time.time()) // 60}"
@@ -630,6 +635,7 @@ def main() -> None:
     sys.path.insert(0, str(TESTS))
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
     signal.signal(signal.SIGPROF, _hangs)
+    logging.disable()
     warnings.simplefilter("ignore")  # of numbers that overflow
     if options.guided:
         import atheris
