@@ -16,6 +16,7 @@ import argparse
 import ctypes
 import dataclasses
 import gc
+import importlib
 import io
 import json
 import logging
@@ -120,7 +121,8 @@ class Fuzzer:
         _TRIM(0)
         Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins anew
         before, began_s = _memory()[1], time.process_time()
-        ends, error = "building", None
+        ends: str = "building"
+        error: BaseException | None = None
         signal.setitimer(signal.ITIMER_PROF, HANG_S)
         try:
             plan = read_plan(path, doors="nearest")
@@ -223,7 +225,7 @@ class Fuzzer:
 
     def run_guided(self, until_s: float) -> None:
         """As `run`, by coverage: half of the changes are of bytes, by libFuzzer. It does not return."""
-        import atheris  # type: ignore[import-not-found]
+        atheris: Any = importlib.import_module("atheris")
 
         corpus = self.folder / "corpus"
         corpus.mkdir(exist_ok=True)
@@ -424,14 +426,14 @@ def changed_xml(rng: np.random.Generator, content: bytes, other: bytes) -> bytes
         return bytes(before + inner.replace(b">", b">" + there, 1) + after)
     if what == 5:
         where = content.find(b"?>") + 2 if b"?>" in content[:100] else 0
-        return content[:where] + pick(rng, _ENTITIES) + content[where:]
+        return content[:where] + bytes(pick(rng, _ENTITIES)) + content[where:]
     if attributes and rng.random() < 0.1:
         where = pick(rng, attributes).end()
-        name = pick(rng, (b"srsDimension", b"xlink:href", b"gml:id", b"action", b"id", b"lat"))
+        name: bytes = pick(rng, (b"srsDimension", b"xlink:href", b"gml:id", b"action", b"id", b"lat"))
         return content[:where] + b" " + name + b"='" + str(pick(rng, VALUES)).encode() + b"'" + content[where:]
     if attributes:
         value = pick(rng, attributes)
-        text = pick(rng, attributes)[0] if what == 6 else b"='" + str(pick(rng, VALUES)).encode() + b"'"
+        text: bytes = pick(rng, attributes)[0] if what == 6 else b"='" + str(pick(rng, VALUES)).encode() + b"'"
         return content[: value.start()] + text + content[value.end() :]
     return content
 
@@ -486,7 +488,8 @@ def changed_png(rng: np.random.Generator, content: bytes) -> bytes:
     what = int(rng.integers(4))
     if what == 0:
         return _redrawn(rng, content)
-    chunks, place = [], 8
+    place = 8
+    chunks: list[list[bytes]] = []
     while place + 12 <= len(content) and len(chunks) < 100:
         (length,) = struct.unpack(">I", content[place : place + 4])
         chunks.append([content[place + 4 : place + 8], content[place + 8 : place + 8 + length]])
@@ -623,7 +626,7 @@ def print_sums(folder: Path) -> int:
 
 def main() -> None:
     """Runs one piece; ends with 1 where anything was found so far."""
-    parser = argparse.ArgumentParser(prog="python -m pdrbench_lab.plans.fuzz", description=__doc__.partition("\n")[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(prog="python -m pdrbench_lab.plans.fuzz", description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path, help="State and findings; a later call goes on there.")
     parser.add_argument("--kind", choices=SEEDS, action="append", help="As often as wanted; without it, all.")
     parser.add_argument(
@@ -638,8 +641,7 @@ def main() -> None:
     logging.disable()
     warnings.simplefilter("ignore")  # of numbers that overflow
     if options.guided:
-        import atheris
-
+        atheris: Any = importlib.import_module("atheris")
         with atheris.instrument_imports(include=["pdrbench_formats", "pdrbench.building", "pdrbench.io"]):
             import pdrbench_formats.detect  # noqa: F401
         fuzzer = Fuzzer(options.folder, (options.kind or ["osm"])[0])
