@@ -42,8 +42,10 @@ class FingerprintTable:
         fresh = radio_map.age_s <= max_age_s
         heard, column = np.unique(radio_map.access_point[fresh], return_inverse=True)
         reading_of, rssi_dbm = column * len(radio_map) + scan[fresh], radio_map.rssi_dbm[fresh]
-        order = np.lexsort((rssi_dbm, reading_of))
+        order = np.argsort(column.astype(np.min_scalar_type(len(heard))), kind="stable")  # scans are in order already
         is_strongest = np.diff(reading_of[order], append=-1) != 0
+        if not is_strongest.all():
+            order = np.lexsort((rssi_dbm, reading_of))
         kept = order[is_strongest & (rssi_dbm[order] > UNHEARD_DBM)]
         first = np.searchsorted(column[kept], np.arange(len(heard) + 1))
         return cls(heard, first, scan[fresh][kept].astype(np.uint32), rssi_dbm[kept], radio_map.xy_m, radio_map.level)

@@ -186,14 +186,13 @@ class Fusion(NetworkLocalizer):
         is_kept = radio is not None and radio.radio_map is radio_map and radio.building is plan
         if radio is None or not is_kept or radio.params != params:
             radio = RadioEvidence(radio_map, plan, params, scans.map_error_m)
-            if scans.fingerprint_trust or scans.known_fingerprint_trust:
-                radio.fingerprints = FingerprintEvidence(
-                    radio_map, briefing.sensors["wifi"], own.fingerprints, radio.xy_m, radio.level
-                )
-        if briefing.start is None:
-            radio.begin(scans.trust, scans.fingerprint_trust)
-        else:
-            radio.begin(scans.known_trust, scans.known_fingerprint_trust)
+        trust, near_trust = scans.trust, scans.fingerprint_trust
+        if briefing.start is not None:
+            trust, near_trust = scans.known_trust, scans.known_fingerprint_trust
+        if near_trust and radio.fingerprints is None:
+            wifi = briefing.sensors["wifi"]
+            radio.fingerprints = FingerprintEvidence(radio_map, wifi, own.fingerprints, radio.xy_m, radio.level)
+        radio.begin(trust, near_trust)
         return radio
 
     def _scans_of(self, radio_map: RadioMap) -> ScanTrustParams:

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg.lapack import spotrf, strtrs
+from scipy.linalg.blas import strsm
+from scipy.linalg.lapack import spotrf, spotrs
 from scipy.special import ndtr
 
 from pdrbench.building import Building, FloorRegion
@@ -112,11 +113,12 @@ class SignalMap:
     def __init__(self, radio_map: RadioMap, building: Building | None, params: SignalFieldParams) -> None:
         self.params = params
         survey = sightings_of(radio_map)
-        self.access_point = np.unique(survey.access_point)
+        self.access_point, column = np.unique(survey.access_point, return_inverse=True)
         self.levels = np.unique(survey.scan_level)
         region = None if building is None else FloorRegion.whole(building)
         self._levels = [
-            _Level(survey, self.access_point, int(level), building, region, params) for level in self.levels
+            _Level(survey, column, len(self.access_point), int(level), building, region, params)
+            for level in self.levels
         ]
         self.first = np.cumsum([0, *(len(level.lattice_m) for level in self._levels)])
         self.xy_m = np.concatenate([level.lattice_m for level in self._levels])
@@ -154,26 +156,22 @@ class _Level:
     def __init__(
         self,
         survey: Sightings,
-        access_point: IntArray,
+        column: IntArray,
+        num_access_points: int,
         level: int,
         building: Building | None,
         region: FloorRegion | None,
         params: SignalFieldParams,
     ) -> None:
         p = self._params = params
-        column = np.searchsorted(access_point, survey.access_point)
         on = survey.scan_level[survey.scan] == level
-        scans_m, xy_m, column, rssi_dbm = (
-            survey.scan_xy_m[survey.scan_level == level],
-            survey.xy_m[on],
-            column[on],
-            survey.rssi_dbm[on],
-        )
-        cells, at = np.unique(np.floor(np.concatenate([scans_m, xy_m]) / p.cell_m), axis=0, return_inverse=True)
-        at = at.ravel()
+        scans_m, xy_m, column = survey.scan_xy_m[survey.scan_level == level], survey.xy_m[on], column[on]
+        cells, at = _cells(np.concatenate([scans_m, xy_m]), p.cell_m)
         self._cell_m = (cells + 0.5) * p.cell_m
         self._scans = np.bincount(at[: len(scans_m)], minlength=len(cells)).astype(np.float64)[:, None]
-        self._readings = at[len(scans_m) :], column, rssi_dbm
+        order = np.argsort(column.astype(np.min_scalar_type(num_access_points)), kind="stable")
+        first = np.searchsorted(column[order], np.arange(num_access_points + 1))
+        self._readings = first, at[len(scans_m) :][order], survey.rssi_dbm[on][order]
         low_m, high_m = self._cell_m.min(axis=0) - p.margin_m, self._cell_m.max(axis=0) + p.margin_m
         self._grid_m = _lattice(low_m, high_m, p.grid_m)[0]
         if p.covers_floor and building is not None and region is not None:
@@ -181,24 +179,29 @@ class _Level:
             reach_m = np.concatenate([[low_m, high_m], corners_m])
             low_m, high_m = reach_m.min(axis=0), reach_m.max(axis=0)
         self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
+        self._is_ready = False
+
+    def _get_ready(self) -> None:
+        """What all access points share, once the first of them is fitted: of few levels anything is ever asked."""
+        p, self._is_ready = self._params, True
         # single precision is enough: the noise of every cell keeps the matrix far from singular
         self._prior = (p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)).astype(np.float32)
-        self._cross = (p.shadow_db**2 * _kernel(self.lattice_m, self._cell_m, p.shadow_m)).astype(np.float32)
+        self._cross = (p.shadow_db**2 * _kernel(self._cell_m, self.lattice_m, p.shadow_m)).astype(np.float32)
         self._to_cells = _loss(self._grid_m, self._cell_m)
         self._to_cells_squared = self._to_cells**2
+        self._to_lattice = np.empty((len(self._grid_m), len(self.lattice_m)), dtype=np.float32)
+        self._has_loss = np.zeros(len(self._grid_m), dtype=np.bool_)  # rows of that are filled when they are needed
 
     def fit(self, numbers: IntArray) -> None:
         """Fits path losses of access points (A,), ascending; what was fitted before is forgotten."""
-        cell, column, rssi_dbm = self._readings
-        which = np.searchsorted(numbers, column)
-        asked = numbers[np.minimum(which, len(numbers) - 1)] == column
-        count = len(self._cell_m), len(numbers)
-        place = (cell * count[1] + which)[asked]
-        received = np.bincount(place, minlength=count[0] * count[1]).reshape(count)
+        if not self._is_ready:
+            self._get_ready()
+        first, cell, rssi_dbm = self._readings
+        size, ranges = len(self._cell_m), [slice(*first[one : one + 2]) for one in numbers.tolist()]
+        received = np.stack([np.bincount(cell[one], minlength=size) for one in ranges], axis=1).astype(np.float64)
+        total = np.stack([np.bincount(cell[one], rssi_dbm[one], size) for one in ranges], axis=1).astype(np.float64)
         own = np.flatnonzero((received > 0).sum(axis=0) >= self._params.min_cells)
-        self._own = numbers[own]
-        self._received = received[:, own].astype(np.float64)
-        total = np.bincount(place, rssi_dbm[asked], count[0] * count[1]).reshape(count)[:, own].astype(np.float64)
+        self._own, self._received, total = numbers[own], received[:, own], total[:, own]
         self._dbm = np.divide(total, self._received, out=np.zeros_like(total), where=self._received > 0)
         self._fit_path_loss()
 
@@ -208,28 +211,26 @@ class _Level:
         own = int(np.searchsorted(self._own, number))
         if own == len(self._own) or self._own[own] != number:
             return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
-        drawn = self._place[:, own]
-        drawn, times = np.unique(drawn, return_counts=True)
-        each = self._level_dbm[drawn, own, None] + self._exponent[drawn, own, None] * _loss(
-            self._grid_m[drawn], self.lattice_m
-        )
-        mean_dbm = times @ each / p.draws
-        near = np.flatnonzero(mean_dbm > p.weakest_dbm - 4.0)
-        mean_dbm = mean_dbm[near]
-        spread_db2 = times @ (each[:, near] - mean_dbm) ** 2 / p.draws
+        place = self._place[:, own]
+        new = np.unique(place[~self._has_loss[place]])
+        self._to_lattice[new], self._has_loss[new] = _loss(self._grid_m[new], self.lattice_m), True
+        each_dbm = self._level_dbm[place, own, None] + self._exponent[place, own, None] * self._to_lattice[place]
+        mean_dbm = each_dbm.mean(axis=0)
+        near = mean_dbm > p.weakest_dbm - 4.0
         received = self._received[:, own]
         cells = np.flatnonzero((received > 0) | self._is_miss[:, own])
         left_db = np.where(received > 0, self._dbm[:, own], self._site_dbm[:, own]) - self._mean_dbm[:, own]
         noise = np.where(received > 0, p.noise_db**2 / np.maximum(received, 1), self._site_db2[:, own]) + p.nugget_db**2
-        covariance = self._prior[np.ix_(cells, cells)]
+        covariance, cross = self._prior[cells].take(cells, axis=1), self._cross[cells]
         covariance.flat[:: len(cells) + 1] += noise[cells].astype(np.float32)
         factor, _ = spotrf(covariance.T, lower=True, clean=False, overwrite_a=True)
-        known, _ = strtrs(factor, self._cross[np.ix_(near, cells)].T, lower=True, overwrite_b=True)
-        left, _ = strtrs(factor, left_db[cells].astype(np.float32), lower=True)
-        mean_dbm = mean_dbm + left.ravel() @ known
-        variance_db2 = spread_db2 + p.shadow_db**2 - np.einsum("cn,cn->n", known, known)
-        kept = mean_dbm > p.weakest_dbm
-        return near[kept], mean_dbm[kept], variance_db2[kept]
+        weight, _ = spotrs(factor, left_db[cells].astype(np.float32), lower=True)
+        mean_dbm += weight.ravel() @ cross
+        kept = np.flatnonzero(near & (mean_dbm > p.weakest_dbm))
+        # X L^T = B of the places that are kept, in the order of memory that is at hand
+        known = strsm(1.0, factor, cross.take(kept, axis=1).T, side=True, lower=True, trans_a=True, overwrite_b=True)
+        variance_db2 = each_dbm[:, kept].var(axis=0) + p.shadow_db**2 - np.einsum("nc,nc->n", known, known)
+        return kept, mean_dbm[kept], variance_db2
 
     def _fit_path_loss(self) -> None:
         """Places, exponents and levels of all access points: on the grid with what was received, then with misses."""
@@ -266,8 +267,9 @@ class _Level:
             # evenly spaced quantiles of the posterior over the grid
             self._place = np.stack([(likely < (draw + 0.5) / p.draws).sum(axis=0) for draw in range(p.draws)])
             self._place = np.minimum(self._place, len(loss) - 1)
-            drawn = [self._level_dbm[k, column] + self._exponent[k, column] * loss[k].T for k in self._place]
-            self._mean_dbm = np.mean(drawn, axis=0)
+            slope = np.zeros_like(self._exponent)
+            np.add.at(slope, (self._place, column), self._exponent[self._place, column] / p.draws)
+            self._mean_dbm = self._level_dbm[self._place, column].mean(axis=0) + loss.T @ slope
         self._see_misses(p.shadow_db)
 
     def _see_misses(self, sigma_db: float) -> None:
@@ -299,6 +301,16 @@ class _Level:
         if not kept.any():
             kept = _squares(places_m, self._cell_m).min(axis=1) < self._params.margin_m**2
         return places_m[kept], row[kept]
+
+
+def _cells(xy_m: FloatArray, cell_m: float) -> tuple[IntArray, IntArray]:
+    """(C, 2) int, cells that hold places (N, 2), ascending, and (N,) the cell of each."""
+    cell = np.floor(xy_m / cell_m).astype(np.int64)
+    low = cell.min(axis=0)
+    columns = int(cell[:, 1].max()) - low[1] + 1
+    number = (cell[:, 0] - low[0]) * columns + cell[:, 1] - low[1]
+    held = np.bincount(number) > 0
+    return np.stack(np.divmod(np.flatnonzero(held), columns), axis=1) + low, (np.cumsum(held) - 1)[number]
 
 
 def _lattice(low_m: FloatArray, high_m: FloatArray, step_m: float) -> tuple[FloatArray, IntArray]:

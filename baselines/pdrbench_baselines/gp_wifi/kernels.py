@@ -1,4 +1,4 @@
-"""Compiled: what the readings of a scan say of the places of their fields."""
+"""Compiled: what the readings of a scan say of the places of their fields, and how long scans of a survey lasted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from pdrbench.compiled import compiled
+from pdrbench.geometry import FloatArray
 
+TABLE_LOW, TABLE_HIGH, PER_ONE = -30.0, 20.0, 256.0  # of log(1 + exp(a)), which lines between give to 5e-7
 MAX_SQUARE = 25.0  # half of a squared deviation; rarer readings are as good as unexpected: e^-25 of 5e4 times as likely
 
 
@@ -16,13 +18,16 @@ def warm_up() -> None:
     """Compiles it, or loads it from the cache."""
     one = np.ones(1, dtype=np.float32)
     at = np.zeros(1, dtype=np.int32), np.array([0, 1])
-    add_readings(np.zeros((1, 1)), *at, one, one, np.ones((1, 3)), np.zeros(1), 25.0)
+    add_readings(np.zeros((1, 1)), *at, one, one, np.ones((1, 3)), np.zeros(1), 25.0, log1p_exp_table())
+    zero = np.zeros(1, dtype=np.int64)
+    times_between(at[1], zero, np.ones(1), np.ones(1), np.zeros(1, dtype=np.bool_), 1)
 
 
 @compiled
 def add_readings(
-    found: Any, at: Any, first: Any, mean_dbm: Any, variance_db2: Any, readings: Any, offset_db: Any, noise_db2: float
-) -> None:
+    found: Any, at: Any, first: Any, mean_dbm: Any, variance_db2: Any, readings: Any, offset_db: Any, noise_db2: float,
+    table: Any,
+) -> None:  # fmt: skip
     """Adds trust * log(1 + odds * density of a reading) to `found` (N, K), as `GpWifiParams` does.
 
     Args:
@@ -34,14 +39,67 @@ def add_readings(
         readings: (R, 3) dBm, odds and trust.
         offset_db: (K,).
         noise_db2: Of a reading.
+        table: `log1p_exp_table`.
     """
     for r in range(len(readings)):
         dbm, odds, trust = readings[r]
+        log_odds = math.log(odds) - 0.5 * math.log(math.pi) if odds > 0.0 else -np.inf
         for e in range(first[r], first[r + 1]):
             half = 0.5 / (variance_db2[e] + noise_db2)
-            peak = odds * math.sqrt(half / math.pi)
+            peak = log_odds + 0.5 * math.log(half)
             for k in range(len(offset_db)):
                 off_db = dbm - mean_dbm[e] - offset_db[k]
                 square = off_db * off_db * half
                 if square < MAX_SQUARE:
-                    found[at[e], k] += trust * math.log1p(peak * math.exp(-square))
+                    found[at[e], k] += trust * _log1p_exp(table, peak - square)
+
+
+def log1p_exp_table() -> FloatArray:
+    """(T,) log(1 + exp(a)) between `TABLE_LOW` and `TABLE_HIGH`."""
+    a = TABLE_LOW + np.arange(int((TABLE_HIGH - TABLE_LOW) * PER_ONE) + 2) / PER_ONE
+    return np.asarray(np.log1p(np.exp(a)))
+
+
+@compiled
+def _log1p_exp(table: Any, a: float) -> float:
+    at = (a - TABLE_LOW) * PER_ONE
+    if at <= 0.0:
+        return 0.0
+    if a >= TABLE_HIGH:
+        return a
+    low = int(at)
+    return table[low] + (at - low) * (table[low + 1] - table[low])
+
+
+@compiled
+def times_between(first: Any, column: Any, rssi_dbm: Any, age_s: Any, goes_on: Any, least: int) -> Any:
+    """(S,) median of how much readings aged that a scan has from the one before; NaN of fewer than `least`.
+
+    Args:
+        first: (S + 1,) scan s owns the readings `first[s]:first[s + 1]`; of an access point the first one counts.
+        column: (R,) int, access point of each.
+        rssi_dbm: (R,) the same in both scans.
+        age_s: (R,).
+        goes_on: (S,) whether the scan before is of the same walk.
+        least: How many are needed.
+    """
+    seen_at = np.empty(column.max() + 1 if len(column) else 0, np.int64)
+    for c in range(len(seen_at)):
+        seen_at[c] = -1
+    lasted_s, aged_s = np.empty(len(goes_on)), np.empty(len(column))
+    for s in range(len(goes_on)):
+        count, low = 0, first[s - 1] if s > 0 and goes_on[s] else first[s]
+        for r in range(first[s], first[s + 1]):
+            before = seen_at[column[r]]
+            if before >= first[s]:
+                continue
+            seen_at[column[r]] = r
+            if before >= low and rssi_dbm[before] == rssi_dbm[r] and age_s[r] > age_s[before]:
+                aged, at = age_s[r] - age_s[before], count
+                while at > 0 and aged_s[at - 1] > aged:
+                    aged_s[at] = aged_s[at - 1]
+                    at -= 1
+                aged_s[at] = aged
+                count += 1
+        lasted_s[s] = (aged_s[(count - 1) // 2] + aged_s[count // 2]) / 2 if count >= max(least, 1) else np.nan
+    return lasted_s

@@ -16,11 +16,12 @@ from pdrbench.radio import middle_of_survey
 from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.field import SignalFieldParams, SignalMap
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
-from pdrbench_baselines.gp_wifi.kernels import add_readings
+from pdrbench_baselines.gp_wifi.kernels import add_readings, log1p_exp_table
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
 STRONG_DBM = -60.0  # a reading counts in full there
 SILENT_DBM = -100.0  # and not at all there
+LOG1P_EXP: Final = log1p_exp_table()
 USUAL_DBM = -85.0  # of what is received where the survey does not let expect it, and no stronger mostly
 
 
@@ -91,7 +92,8 @@ class GpWifiParams:
                 )
                 first = np.cumsum([0, *(len(one.at) for one in own)])
                 noise_db2 = self.field.noise_db**2
-                add_readings(part, at, first, mean_dbm, variance_db2, readings[is_known], offset_db, noise_db2)
+                known = readings[is_known]
+                add_readings(part, at, first, mean_dbm, variance_db2, known, offset_db, noise_db2, LOG1P_EXP)
         return np.concatenate(found)
 
     def trust_of(self, dbm: float) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import RadioMap
+from pdrbench_baselines.gp_wifi import kernels
 
 MIN_REPEATS: Final = 4  # by which the time between two scans is known
 FIRST_S: Final = 3.0  # of a scan without one before it; a sweep of a phone and its delivery
@@ -65,16 +66,10 @@ def sightings_of(radio_map: RadioMap) -> Sightings:
 
 def scan_times_s(radio_map: RadioMap) -> FloatArray:
     """(S,) time from the scan before to each one, by how much readings that both hold have aged; NaN where unknown."""
-    lasted_s = np.full(len(radio_map), np.nan)
-    for scan in np.flatnonzero(np.diff(radio_map.walk, prepend=radio_map.walk[:1] - 1) == 0).tolist():
-        one, two = (slice(*radio_map.first[k : k + 2]) for k in (scan - 1, scan))
-        _, a, b = np.intersect1d(radio_map.access_point[one], radio_map.access_point[two], return_indices=True)
-        is_same = radio_map.rssi_dbm[one][a] == radio_map.rssi_dbm[two][b]
-        aged_s = (radio_map.age_s[two][b] - radio_map.age_s[one][a])[is_same]
-        aged_s = aged_s[aged_s > 0]
-        if len(aged_s) >= MIN_REPEATS:
-            lasted_s[scan] = np.median(aged_s)
-    return lasted_s
+    _, column = np.unique(radio_map.access_point, return_inverse=True)
+    goes_on = np.diff(radio_map.walk, prepend=radio_map.walk[:1] - 1) == 0
+    readings = radio_map.rssi_dbm.copy(), radio_map.age_s.copy()  # what is read-only would be compiled once more
+    return np.asarray(kernels.times_between(radio_map.first.copy(), column, *readings, goes_on, MIN_REPEATS))
 
 
 class Sweeps:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 from typing import Final
 
 import numpy as np
@@ -20,6 +19,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.radio import ScanMatcher, middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
+from pdrbench_baselines.learned.kernels import mixture, mixtures
 
 SOFTNESS: Final = (0.005, 0.01, 0.02, 0.04, 0.08)  # cosine distances over which a fingerprint loses 1 / e
 SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was received around the place of its fingerprint, per axis
@@ -59,14 +59,9 @@ class ScanPlaces:
 
     def density_per_m2(self, xy_m: FloatArray, level: IntArray) -> FloatArray:
         """(N,) at places (N, 2) on levels (N,); nowhere 0."""
-        density = np.full(len(xy_m), self.astray / self.area_m2)
         scale = (1.0 - self.astray) / (2.0 * math.pi * self.spread_m**2)
-        for one in np.unique(self.level).tolist():
-            here, own = np.flatnonzero(level == one), self.level == one
-            away = xy_m[here, None, :] - self.xy_m[None, own, :]
-            kernel = np.exp(-0.5 * np.sum(away**2, axis=2) / self.spread_m**2)
-            density[here] += scale * kernel @ self.weight[own]
-        return density
+        own = self.xy_m, self.level, scale * self.weight
+        return mixture(xy_m, level, *own, self.spread_m, self.astray / self.area_m2)
 
 
 class ScanLocator:
@@ -107,8 +102,8 @@ class ScanLocator:
     def _places(self, distance: FloatArray) -> ScanPlaces:
         """Of the distances (S,) of a scan."""
         weight = np.exp(-(distance - distance.min()) / self.softness)
-        kept = np.argsort(-weight, kind="stable")[:MAX_PLACES]
-        kept = kept[weight[kept] > NEAR]
+        kept = np.flatnonzero(weight > NEAR)
+        kept = kept[np.argsort(-weight[kept], kind="stable")[:MAX_PLACES]]
         weight = weight[kept] / weight[kept].sum()
         table = self._table
         return ScanPlaces(
@@ -126,20 +121,14 @@ class ScanLocator:
         walk = self.radio_map.walk
         asked = np.unique(np.linspace(0, len(walk) - 1, MAX_ASKED).astype(np.int64))
         distance = np.where(walk[asked, None] == walk[None, :], np.inf, self._matcher.between(asked))
-        nearest = distance.min(axis=1)
-        matched = np.isfinite(nearest)
+        matched = np.isfinite(distance.min(axis=1))
         if not matched.any():
             return SOFTNESS[1], SPREAD_M[3], ASTRAY[2]
-        distance, asked, nearest = distance[matched], asked[matched], nearest[matched]
-        away2 = ((self._table.xy_m[asked, None, :] - self._table.xy_m[None, :, :]) ** 2).sum(axis=2)
-        away2[self._table.level[asked, None] != self._table.level[None, :]] = np.inf
-        best, found = -math.inf, (SOFTNESS[1], SPREAD_M[3], ASTRAY[2])
-        for softness, spread_m in product(SOFTNESS, SPREAD_M):
-            weight = np.exp(-(distance - nearest[:, None]) / softness)
-            weight /= weight.sum(axis=1, keepdims=True)
-            density = (weight * np.exp(-0.5 * away2 / spread_m**2)).sum(axis=1) / (2.0 * math.pi * spread_m**2)
-            for astray in ASTRAY:
-                likely = float(np.log((1.0 - astray) * density + astray / self._area_m2).mean())
-                if likely > best:
-                    best, found = likely, (softness, spread_m, astray)
-        return found
+        table, spread_m = self._table, np.array(SPREAD_M)
+        scans = distance[matched], asked[matched]
+        found_m2 = mixtures(*scans, table.xy_m.copy(), table.level.copy(), np.array(SOFTNESS), spread_m)
+        density = found_m2[:, :, None] / (2.0 * math.pi * spread_m[:, None, None] ** 2)
+        astray = np.array(ASTRAY)[:, None]
+        likely = np.log((1.0 - astray) * density + astray / self._area_m2).mean(axis=3)
+        softest, widest, most = np.unravel_index(np.argmax(likely), likely.shape)
+        return SOFTNESS[softest], SPREAD_M[widest], ASTRAY[most]

@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.inertial import to_world
-from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.quaternions import about_vertical, multiply
+from pdrbench_baselines.learned.kernels import yaw_run_away
 
 MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v2: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
@@ -72,7 +72,7 @@ class YawStabiliser:
         """(r - 1,) the mean, and by how much to turn, at all of them (r, 5) but the first."""
         steps_s = np.diff(rotation[:, 0])
         means_rad, corrections_rad = np.empty(len(steps_s)), np.empty(len(steps_s))
-        runs_rad, is_gap = _run_away_rad(rotation, self._gyro)
+        runs_rad, is_gap = yaw_run_away(rotation, self._gyro, MAX_GAP_S)
         steps = zip(rotation[1:, 0].tolist(), steps_s.tolist(), runs_rad.tolist(), is_gap.tolist(), strict=True)
         for i, (end_s, step_s, run_rad, is_missing) in enumerate(steps):
             if is_missing:
@@ -83,22 +83,3 @@ class YawStabiliser:
             self._mean_rad += gain * (self._run_away_rad - self._mean_rad)
             means_rad[i], corrections_rad[i] = self._mean_rad, self._mean_rad - self._run_away_rad
         return means_rad, corrections_rad
-
-
-def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """(r - 1,) turn of the reported yaw from one sample to the next, less that by the rates; 0 over gaps, and which."""
-    t_s, quaternion = rotation[:, 0], rotation[:, 1:5]
-    turn = multiply(quaternion[1:], inverse(quaternion[:-1]))
-    turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
-    half_sine = np.linalg.norm(turn[:, 1:], axis=1)
-    reported_rad = 2 * np.arctan2(half_sine, turn[:, 0]) * turn[:, 3] / np.maximum(half_sine, 1e-12)
-    between_s = np.diff(gyro[:, 0])
-    turned = np.cumsum((gyro[1:, 1:] + gyro[:-1, 1:]) / 2 * between_s[:, None], axis=0)
-    turned = np.concatenate([np.zeros((1, 3)), turned])
-    own = np.diff(np.column_stack([np.interp(t_s, gyro[:, 0], one) for one in turned.T]), axis=0)
-    middle = quaternion[1:] + quaternion[:-1] * np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))[:, None]
-    middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
-    missing_s = np.concatenate([[0.0], np.cumsum(np.where(between_s > MAX_GAP_S, between_s, 0.0))])
-    is_gap = (np.diff(np.interp(t_s, gyro[:, 0], missing_s)) > 0) | (np.diff(t_s) > MAX_GAP_S)
-    is_known = ~is_gap & (t_s[:-1] >= gyro[0, 0])
-    return np.where(is_known, reported_rad - to_world(middle, own)[:, 2], 0.0), is_gap
