@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.errors import UnsuitableError
+from pdrbench.filters import level_map
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import middle_of_survey
@@ -88,6 +89,9 @@ class Fusion(NetworkLocalizer):
             self._free = self._new_free(start)
             self._focus()
         elif radio is not None:
+            radio.get_ready()  # now, and not at the first scan: a step is to be quick
+            for level in set(radio.level.tolist()) & set(self._building.levels):
+                level_map(self._building, level)
             middle = middle_of_survey(radio.radio_map.xy_m, radio.radio_map.level)
             self._xy_m, self._level = middle.xy_m, middle.level
 

@@ -78,6 +78,11 @@ class RadioEvidence:
         if self.fingerprints is not None:
             self.fingerprints.begin()
 
+    def get_ready(self) -> None:
+        """For scans on all levels."""
+        if self._trust > 0.0:
+            self._map.get_ready()
+
     def focus(self, levels: Collection[int], is_left: BoolArray) -> None:
         """Scans are evaluated on these levels and those between them, on all where none is surveyed, and under the
         offsets (K,) that are left."""

@@ -126,6 +126,11 @@ class SignalMap:
         self.level = np.repeat(self.levels, np.diff(self.first))
         self._parts: list[dict[int, Field]] = [{} for _ in self._levels]
 
+    def get_ready(self) -> None:
+        """For access points on all levels."""
+        for level in self._levels:
+            level.get_ready()
+
     def prepare(self, access_points: IntArray, number: int) -> list[Field | None]:
         """Fields of access points on the level of that number alone, in single precision; its first place is 0.
 
@@ -181,8 +186,10 @@ class _Level:
         self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
         self._is_ready = False
 
-    def _get_ready(self) -> None:
-        """What all access points share, once the first of them is fitted: of few levels anything is ever asked."""
+    def get_ready(self) -> None:
+        """Computes what all access points share, once: of some levels nothing is ever asked."""
+        if self._is_ready:
+            return
         p, self._is_ready = self._params, True
         # single precision is enough: the noise of every cell keeps the matrix far from singular
         self._prior = (p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)).astype(np.float32)
@@ -194,8 +201,7 @@ class _Level:
 
     def fit(self, numbers: IntArray) -> None:
         """Fits path losses of access points (A,), ascending; what was fitted before is forgotten."""
-        if not self._is_ready:
-            self._get_ready()
+        self.get_ready()
         first, cell, rssi_dbm = self._readings
         size, ranges = len(self._cell_m), [slice(*first[one : one + 2]) for one in numbers.tolist()]
         received = np.stack([np.bincount(cell[one], minlength=size) for one in ranges], axis=1).astype(np.float64)

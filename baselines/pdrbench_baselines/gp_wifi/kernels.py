@@ -75,13 +75,8 @@ def _log1p_exp(table: Any, a: float) -> float:
 def times_between(first: Any, column: Any, rssi_dbm: Any, age_s: Any, goes_on: Any, least: int) -> Any:
     """(S,) median of how much readings aged that a scan has from the one before; NaN of fewer than `least`.
 
-    Args:
-        first: (S + 1,) scan s owns the readings `first[s]:first[s + 1]`; of an access point the first one counts.
-        column: (R,) int, access point of each.
-        rssi_dbm: (R,) the same in both scans.
-        age_s: (R,).
-        goes_on: (S,) whether the scan before is of the same walk.
-        least: How many are needed.
+    Scan s owns the readings `first[s]:first[s + 1]`, the first one of an access point `column` (R,) counts; `goes_on`
+    (S,) says whether the scan before is of the same walk.
     """
     seen_at = np.empty(column.max() + 1 if len(column) else 0, np.int64)
     for c in range(len(seen_at)):

@@ -141,6 +141,8 @@ class GpWifi:
         is_helped = briefing.start is None or survey.surveyed
         self._fingerprint_trust = self._params.fingerprint_trust if is_helped else 0.0
         start = briefing.start or middle_of_survey(survey.xy_m, survey.level)
+        if briefing.start is None:
+            self._map.get_ready()  # now, and not at the first scan: a step is to be quick
         self._belief = self._anywhere() if briefing.start is None else self._around(briefing.start)
         self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
 

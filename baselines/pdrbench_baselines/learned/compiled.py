@@ -90,23 +90,11 @@ def _convolved(x: FloatArray, weight: FloatArray, bias: FloatArray, stride: int,
         for o in range(outside):
             out[t, o] = bias[o]
         for k in range(max(padding - t * stride, 0), min(width, len(x) + padding - t * stride)):
-            _add_rows(x[t * stride + k - padding], weight[k], out[t])
+            for i in range(inside):
+                value = x[t * stride + k - padding, i]
+                for o in range(outside):
+                    out[t, o] += value * weight[k, i, o]
     return out
-
-
-@compiled
-def _add_rows(x: FloatArray, weight: FloatArray, out: FloatArray) -> None:
-    """Adds rows (inside, outside) times (inside,) to (outside,), one after the other, four in one pass."""
-    whole = len(x) // 4 * 4
-    for i in range(0, whole, 4):
-        one, two, three, four = x[i], x[i + 1], x[i + 2], x[i + 3]
-        for o in range(len(out)):
-            out[o] = (
-                ((out[o] + one * weight[i, o]) + two * weight[i + 1, o]) + three * weight[i + 2, o]
-            ) + four * weight[i + 3, o]
-    for i in range(whole, len(x)):
-        for o in range(len(out)):
-            out[o] += x[i] * weight[i, o]
 
 
 @compiled
@@ -261,8 +249,9 @@ class CompiledNetwork:
         derived = summed - summed.mean(axis=0)
         if self.carried == FOOT:
             derived = np.column_stack([self._rested(window), derived[:, 2]])
-        person = np.tile(_person(height_m), (WINDOW, 1))
-        x = np.column_stack([window / SCALES[self.carried], derived / DERIVED_SCALES[self.carried], person])
+        x = np.empty((WINDOW, INPUTS))
+        x[:, :CHANNELS], x[:, CHANNELS:-2] = window / SCALES[self.carried], derived / DERIVED_SCALES[self.carried]
+        x[:, -2:] = _person(height_m)
         return np.maximum(self._neck(self._trunk(x)), 0.0), math.nan
 
     def _gait(self, window: FloatArray, height_m: float) -> tuple[FloatArray, float]:
@@ -276,7 +265,9 @@ class CompiledNetwork:
         size = size2 / spread2
         integrals = np.cumsum(np.column_stack([slow[:, 0:2], window[:, 5]]), axis=0) / RATE_HZ
         integrals = (integrals - integrals.mean(axis=0)) / DERIVED_SCALES[self.carried]
-        x = np.column_stack([1.5 * normal, slow[:, 3:6], window[:, 6:9], integrals, np.tile(size, (WINDOW, 1))])
+        x = np.empty((WINDOW, GAIT_INPUTS))
+        x[:, :6], x[:, 6:9], x[:, 9:12] = 1.5 * normal, slow[:, 3:6], window[:, 6:9]
+        x[:, 12:15], x[:, 15:] = integrals, size
         rhythm = _rhythm(normal, _LAGS)
         seen = self._neck(np.concatenate([self._trunk(x), rhythm.ravel(), _person(height_m)]))
         return np.maximum(seen, 0.0), float(rhythm[:, _STEPS].max()) if size[0] > SHAKES else math.nan

@@ -13,20 +13,8 @@ FAR = 36.0  # half a squared deviation: 2e-16 of what is near
 
 
 @compiled
-def mixture(
-    xy_m: Any, level: Any, at_m: Any, at_level: Any, weight: Any, spread_m: float, everywhere: float
-) -> Any:
-    """(N,) sum of K normal densities without their constant factor, and of what is everywhere, at places (N, 2).
-
-    Args:
-        xy_m: (N, 2).
-        level: (N,).
-        at_m: (K, 2) middles of the densities.
-        at_level: (K,) on which they count.
-        weight: (K,).
-        spread_m: Standard deviation per axis of each.
-        everywhere: Is added.
-    """
+def mixture(xy_m: Any, level: Any, at_m: Any, at_level: Any, weight: Any, spread_m: float, everywhere: float) -> Any:
+    """(N,) what is everywhere, and on their levels K normal densities (K, 2) by weight (K,), without their factor."""
     density, half = np.empty(len(xy_m)), 0.5 / spread_m**2
     for n in range(len(xy_m)):
         x, y, here, total = xy_m[n, 0], xy_m[n, 1], level[n], everywhere
@@ -40,15 +28,9 @@ def mixture(
 
 @compiled
 def mixtures(distance: Any, asked: Any, xy_m: Any, level: Any, softness: Any, spread_m: Any) -> Any:
-    """(A, B, Q) the same at the places of Q scans, of all S scans by their distances from these.
+    """(A, B, Q) the same at the places of Q scans `asked` of all S, which count by their distances (Q, S) from these.
 
-    Args:
-        distance: (Q, S) infinite for what does not count.
-        asked: (Q,) int, of S.
-        xy_m: (S, 2).
-        level: (S,).
-        softness: (A,) distances over which a scan loses 1 / e.
-        spread_m: (B,).
+    A distance loses 1 / e over softness (A,); infinite ones do not count. The densities spread by (B,).
     """
     found = np.zeros((len(softness), len(spread_m), len(asked)))
     soft, near = np.empty(len(softness)), np.empty(len(spread_m))
@@ -123,43 +105,28 @@ def cell_means(rows: Any, rotation: Any, at_s: Any, rate_hz: float) -> Any:
 
 
 @compiled
-def are_in_order(rows: Any) -> bool:
-    """Whether rows (k, c) are two or more, finite, and their times do not go back."""
-    for i in range(len(rows)):
-        for c in range(rows.shape[1]):
-            if not math.isfinite(rows[i, c]):
-                return False
-        if i > 0 and rows[i, 0] < rows[i - 1, 0]:
-            return False
-    return len(rows) >= 2
+def yaw_means(rotation: Any, gyro: Any, max_gap_s: float, settles_s: float, mean_s: float, state: Any) -> Any:
+    """(r - 1,) mean of how far the reported yaw has run away, (r - 1,) how far, in rad, and the state after that.
 
-
-@compiled
-def are_sampled(t_s: Any, at_s: Any, max_gap_s: float) -> Any:
-    """(n,) whether times lie between two of the times (k,) that are no further apart, or as near to the last or first.
+    The state is: till when the yaw settles after a gap, how long the mean is over, how far it has run away, the mean.
     """
-    near, after = np.empty(len(at_s), dtype=np.bool_), 1
-    for n in range(len(at_s)):
-        while after < len(t_s) - 1 and t_s[after] < at_s[n]:
-            after += 1
-        near[n] = t_s[after] - t_s[after - 1] <= max_gap_s
-        near[n] &= t_s[0] - max_gap_s <= at_s[n] <= t_s[-1] + max_gap_s
-    return near
+    settled_s, since_s, run_away_rad, mean_rad = state
+    runs_rad, is_gap = _yaw_runs(rotation, gyro, max_gap_s)
+    means_rad = np.empty(len(runs_rad))
+    for i in range(len(runs_rad)):
+        end_s, step_s = rotation[i + 1, 0], rotation[i + 1, 0] - rotation[i, 0]
+        if is_gap[i]:
+            settled_s = end_s + settles_s
+        since_s += step_s
+        run_away_rad += runs_rad[i] if end_s >= settled_s else 0.0
+        gain = min(max(step_s / mean_s, step_s / max(since_s, 1e-9)), 1.0)
+        mean_rad += gain * (run_away_rad - mean_rad)
+        means_rad[i], runs_rad[i] = mean_rad, run_away_rad
+    return means_rad, runs_rad, (settled_s, since_s, run_away_rad, mean_rad)
 
 
 @compiled
-def verticals(attitude: Any) -> Any:
-    """(n, 3) the vertical in the frame of the phone, and (n, 2) the square of w + iz, of attitudes (n, 4)."""
-    up, twist = np.empty((len(attitude), 3)), np.empty((len(attitude), 2))
-    for n in range(len(attitude)):
-        w, x, y, z = attitude[n]
-        up[n, 0], up[n, 1], up[n, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-        twist[n, 0], twist[n, 1] = w * w - z * z, 2 * w * z
-    return up, twist
-
-
-@compiled
-def yaw_run_away(rotation: Any, gyro: Any, max_gap_s: float) -> Any:
+def _yaw_runs(rotation: Any, gyro: Any, max_gap_s: float) -> Any:
     """(r - 1,) turn of the reported yaw from one row (r, 5) to the next, less that by the rates (m, 4), in rad.
 
     It is 0 over gaps; (r - 1,) says where these are.
@@ -172,18 +139,18 @@ def yaw_run_away(rotation: Any, gyro: Any, max_gap_s: float) -> Any:
             turned[i, c] = turned[i - 1, c] + (gyro[i, c + 1] + gyro[i - 1, c + 1]) / 2 * step_s
         turned[i, 3] = turned[i - 1, 3] + (step_s if step_s > max_gap_s else 0.0)
     own, last, after = np.zeros(4), np.zeros(4), 1
-    for n in range(len(rotation)):
+    for row in range(len(rotation)):
         if len(gyro) > 1:
-            after, part = _between(gyro, rotation[n, 0], after)
+            after, part = _between(gyro, rotation[row, 0], after)
             for c in range(4):
                 last[c], own[c] = own[c], turned[after - 1, c] + part * (turned[after, c] - turned[after - 1, c])
-        if n == 0:
+        if row == 0:
             continue
-        i = n - 1
-        is_gap[i] = own[3] > last[3] or rotation[n, 0] - rotation[i, 0] > max_gap_s
+        i = row - 1
+        is_gap[i] = own[3] > last[3] or rotation[row, 0] - rotation[i, 0] > max_gap_s
         if is_gap[i] or rotation[i, 0] < gyro[0, 0]:
             continue
-        w, x, y, z = rotation[n, 1], rotation[n, 2], rotation[n, 3], rotation[n, 4]
+        w, x, y, z = rotation[row, 1], rotation[row, 2], rotation[row, 3], rotation[row, 4]
         a, b, c, d = rotation[i, 1], -rotation[i, 2], -rotation[i, 3], -rotation[i, 4]
         turn_w, turn_x = w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c
         turn_y, turn_z = w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a
@@ -193,7 +160,9 @@ def yaw_run_away(rotation: Any, gyro: Any, max_gap_s: float) -> Any:
         sign = 1.0 if turn_w > 0 else (-1.0 if turn_w < 0 else 0.0)
         w, x, y, z = w + sign * a, x - sign * b, y - sign * c, z - sign * d
         norm = max(math.sqrt(w**2 + x**2 + y**2 + z**2), 1e-12)
-        by_rates = _rotated(w / norm, x / norm, y / norm, z / norm, own[0] - last[0], own[1] - last[1], own[2] - last[2])
+        by_rates = _rotated(
+            w / norm, x / norm, y / norm, z / norm, own[0] - last[0], own[1] - last[1], own[2] - last[2]
+        )
         runs_rad[i] = reported_rad - by_rates[2]
     return runs_rad, is_gap
 

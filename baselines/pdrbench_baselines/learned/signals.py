@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench_baselines.learned.kernels import are_in_order, are_sampled, attitudes_at, cell_means, verticals
+from pdrbench_baselines.learned.kernels import attitudes_at, cell_means
 
 GRAVITY_MPS2: Final = 9.81
 RATE_HZ: Final = 50.0  # of the grid; gait has no information above some 20 Hz
@@ -69,23 +69,27 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
         RecordingError: Fewer than two rows of a sensor, or times that go back.
     """
     for name, rows in (("accel", accel), ("gyro", gyro), ("rotation", rotation)):
-        if not are_in_order(rows):
+        if len(rows) < 2 or not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) < 0):
             raise RecordingError(
                 f"{name}: two rows or more, finite, in the order of time; sort or repair the recording"
             )
     count = max(int(np.floor((till_s - from_s) * RATE_HZ + 1e-6)) + 1, 0)
     t_s = from_s + np.arange(count) / RATE_HZ
     attitude = attitudes_at(rotation, t_s)
-    up, twist = verticals(attitude)  # whose square has no sign
+    w, x, y, z = attitude.T
+    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
     is_whole = np.logical_and.reduce([has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
+    twist = np.column_stack([w * w - z * z, 2 * w * z])  # the square of w + iz, which has no sign
     force = cell_means(accel, rotation, t_s, RATE_HZ) - (0.0, 0.0, GRAVITY_MPS2)
     return Signals(from_s, force, cell_means(gyro, rotation, t_s, RATE_HZ), up, twist, is_whole)
 
 
 def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
     """(n,) whether times lie between two samples that are no further apart than `MAX_GAP_S`."""
-    near: BoolArray = are_sampled(t_s, at_s, MAX_GAP_S)
-    return near
+    after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
+    is_near: BoolArray = (t_s[after] - t_s[after - 1] <= MAX_GAP_S) & (at_s <= t_s[-1] + MAX_GAP_S)
+    is_near &= at_s >= t_s[0] - MAX_GAP_S
+    return is_near
 
 
 def gaps_filled(signals: Signals) -> Signals:

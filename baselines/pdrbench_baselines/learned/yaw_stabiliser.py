@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import about_vertical, multiply
-from pdrbench_baselines.learned.kernels import yaw_run_away
+from pdrbench_baselines.learned.kernels import yaw_means
 
 MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v2: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
@@ -70,16 +70,7 @@ class YawStabiliser:
 
     def _means_and_corrections_rad(self, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(r - 1,) the mean, and by how much to turn, at all of them (r, 5) but the first."""
-        steps_s = np.diff(rotation[:, 0])
-        means_rad, corrections_rad = np.empty(len(steps_s)), np.empty(len(steps_s))
-        runs_rad, is_gap = yaw_run_away(rotation, self._gyro, MAX_GAP_S)
-        steps = zip(rotation[1:, 0].tolist(), steps_s.tolist(), runs_rad.tolist(), is_gap.tolist(), strict=True)
-        for i, (end_s, step_s, run_rad, is_missing) in enumerate(steps):
-            if is_missing:
-                self._settled_s = end_s + SETTLES_S
-            self._since_s += step_s
-            self._run_away_rad += run_rad if end_s >= self._settled_s else 0.0
-            gain = min(max(step_s / MEAN_S, step_s / max(self._since_s, 1e-9)), 1.0)
-            self._mean_rad += gain * (self._run_away_rad - self._mean_rad)
-            means_rad[i], corrections_rad[i] = self._mean_rad, self._mean_rad - self._run_away_rad
-        return means_rad, corrections_rad
+        state = self._settled_s, self._since_s, self._run_away_rad, self._mean_rad
+        means_rad, runs_rad, state = yaw_means(rotation, self._gyro, MAX_GAP_S, SETTLES_S, MEAN_S, state)
+        self._settled_s, self._since_s, self._run_away_rad, self._mean_rad = state
+        return means_rad, means_rad - runs_rad
