@@ -309,14 +309,15 @@ class _Level:
         return places_m[kept], row[kept]
 
 
-def _cells(xy_m: FloatArray, cell_m: float) -> tuple[IntArray, IntArray]:
-    """(C, 2) int, cells that hold places (N, 2), ascending, and (N,) the cell of each."""
+def _cells(xy_m: FloatArray, cell_m: float) -> tuple[FloatArray, IntArray]:
+    """(C, 2) whole numbers of cells that hold places (N, 2), ascending, and (N,) the cell of each."""
     cell = np.floor(xy_m / cell_m).astype(np.int64)
     low = cell.min(axis=0)
     columns = int(cell[:, 1].max()) - low[1] + 1
     number = (cell[:, 0] - low[0]) * columns + cell[:, 1] - low[1]
     held = np.bincount(number) > 0
-    return np.stack(np.divmod(np.flatnonzero(held), columns), axis=1) + low, (np.cumsum(held) - 1)[number]
+    cells = np.stack(np.divmod(np.flatnonzero(held), columns), axis=1) + low
+    return cells.astype(np.float64), (np.cumsum(held) - 1)[number]
 
 
 def _lattice(low_m: FloatArray, high_m: FloatArray, step_m: float) -> tuple[FloatArray, IntArray]:

@@ -61,7 +61,7 @@ def log1p_exp_table() -> FloatArray:
 
 
 @compiled
-def _log1p_exp(table: Any, a: float) -> float:
+def _log1p_exp(table: Any, a: Any) -> Any:
     at = (a - TABLE_LOW) * PER_ONE
     if at <= 0.0:
         return 0.0

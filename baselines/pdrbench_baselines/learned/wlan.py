@@ -61,7 +61,8 @@ class ScanPlaces:
         """(N,) at places (N, 2) on levels (N,); nowhere 0."""
         scale = (1.0 - self.astray) / (2.0 * math.pi * self.spread_m**2)
         own = self.xy_m, self.level, scale * self.weight
-        return mixture(xy_m, level, *own, self.spread_m, self.astray / self.area_m2)
+        density: FloatArray = mixture(xy_m, level, *own, self.spread_m, self.astray / self.area_m2)
+        return density
 
 
 class ScanLocator:
