@@ -12,6 +12,7 @@ COMMANDS: Final = {
     "score": "pdrbench_formats.commands.score:score",
     "map": "pdrbench_formats.commands.map:app",
     "replay": "pdrbench_formats.commands.replay:replay",
+    "live": "pdrbench_formats.commands.live:live",
 }
 
 # What the core asks for by name: it reads no format itself.

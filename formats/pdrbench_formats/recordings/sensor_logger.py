@@ -17,7 +17,7 @@ then judged by the numbers; the direction of the quaternion is not documented an
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -58,16 +58,17 @@ _VECTORS: Final = (
     "Magnetometer",
     "MagnetometerUncalibrated",
 )
-_USED: Final = (*_VECTORS, "Orientation", "Barometer", "WiFi", "Bluetooth")
+USED: Final = (*_VECTORS, "Orientation", "Barometer", "WiFi", "Bluetooth")
 _SYSTEM: Final = {True: "an iPhone", False: "Android"}
 _JSON_START: Final = b'"sensor"'
 _TABLE_START: Final = b"time,seconds_elapsed"
 _G_RANGE: Final = (0.5, 2.0)  # median length of an accelerometer in g
+_INVERSE: Final = np.array([1.0, -1.0, -1.0, -1.0])
 _TURN_EAST: Final = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # x north, y west to x east, y north: +90° about z
 
 
 @dataclass(frozen=True, slots=True)
-class _Export:
+class Export:
     """The tables of one export, by name of the sensor."""
 
     path: Path
@@ -87,6 +88,21 @@ class _Export:
         return time_ns, table.table(columns)
 
 
+@dataclass(frozen=True, slots=True)
+class Convention:
+    """What a phone does not say of its numbers, as its first seconds or a whole recording show it.
+
+    Attributes:
+        is_apple: Whether accelerations have Apple's sign, and attitudes count from north along x.
+        in_g: Whether the uncalibrated accelerometer is in g.
+        signs: (4,) that make of its quaternions turns from the device to the building; None where none do.
+    """
+
+    is_apple: bool
+    in_g: bool
+    signs: FloatArray | None
+
+
 def read(path: Path | str, *, strict: bool = True) -> Log:
     """Reads one recording.
 
@@ -96,37 +112,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     path = Path(path)
     tally = Tally()
     export = _open(path, tally)
-    vectors = {name: rows for name in _VECTORS if (rows := export.rows(name, _XYZ)) is not None}
-    is_apple, in_g = _platform(export, vectors, tally)
-    streams = {}
-    accel = _acceleration(vectors, is_apple, in_g, tally)
-    if accel is not None:
-        streams["accel"] = accel
-    for sensor, names in (
-        ("gyro", ("Gyroscope", "GyroscopeUncalibrated")),
-        ("mag", ("Magnetometer", "MagnetometerUncalibrated")),
-    ):
-        name = next((name for name in names if name in vectors), None)
-        if name is not None:
-            streams[sensor] = vectors[name]
-            tally.skipped.update({n: len(vectors[n][0]) for n in names if n in vectors and n != name})
-    if (attitude := export.rows("Orientation", _WXYZ)) is not None and accel is not None:
-        time_ns, q = attitude
-        upright = _upright(attitude, accel)
-        if upright is None and (turned := _upright(attitude, (accel[0], -accel[1]))) is not None:
-            upright, is_apple, accel = turned, not is_apple, (accel[0], -accel[1])
-            streams["accel"] = accel
-            seen = f"the attitude of the phone turns gravity down: the sign is that of {_SYSTEM[is_apple]}"
-            tally.found("accel-sign, attitude", "accel", seen)
-        if upright is None:
-            tally.skipped["Orientation (does not turn gravity up)"] += len(q)
-        else:
-            streams["rotation"] = time_ns, _east(upright) if is_apple else unit_quaternions(upright)
-    elif accel is not None and ("Gravity" in vectors or "Accelerometer" not in vectors):
-        remedy = "keep Metadata.csv beside the other files, or record with Standardise Units & Frames"
-        note_face_down(tally, accel[1], remedy)
-    others = {"baro": export.rows("Barometer", ("pressure",)), "wifi": _wifi(export), "ble": _ble(export)}
-    streams |= {name: rows for name, rows in others.items() if rows is not None}
+    streams = streams_of(export, convention_of(export, tally), tally)
     if not streams:
         raise RecordingError(
             f"{path}: no accelerometer, gyroscope, barometer or WiFi in it, only "
@@ -146,13 +132,63 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     )
 
 
-def _upright(attitude: tuple[Any, FloatArray], accel: tuple[Any, FloatArray]) -> FloatArray | None:
-    """Turns (T, 4) from the phone to the building; None where its attitudes do not turn that acceleration up."""
+def convention_of(export: Export, tally: Tally) -> Convention:
+    """What the numbers of an export mean."""
+    vectors = _vectors(export)
+    is_apple, in_g = _platform(export, vectors, tally)
+    accel = _acceleration(vectors, is_apple, in_g, Tally())
+    if accel is None:
+        return Convention(is_apple, in_g, None)
+    attitude, signs = export.rows("Orientation", _WXYZ), None
+    if attitude is not None:
+        signs = _signs(attitude, accel)
+        if signs is None and (turned := _signs(attitude, (accel[0], -accel[1]))) is not None:
+            signs, is_apple = turned, not is_apple
+            seen = f"the attitude of the phone turns gravity down: the sign is that of {_SYSTEM[is_apple]}"
+            tally.found("accel-sign, attitude", "accel", seen)
+    elif "Gravity" in vectors or "Accelerometer" not in vectors:
+        remedy = "keep Metadata.csv beside the other files, or record with Standardise Units & Frames"
+        note_face_down(tally, accel[1], remedy)
+    return Convention(is_apple, in_g, signs)
+
+
+def streams_of(export: Export, convention: Convention, tally: Tally) -> dict[str, tuple[Any, FloatArray]]:
+    """Times in nanoseconds (T,) and values (T, C - 1) by sensor, as `pdrbench.sensors` has them."""
+    vectors, streams = _vectors(export), {}
+    accel = _acceleration(vectors, convention.is_apple, convention.in_g, tally)
+    if accel is not None:
+        streams["accel"] = accel
+    for sensor, names in (
+        ("gyro", ("Gyroscope", "GyroscopeUncalibrated")),
+        ("mag", ("Magnetometer", "MagnetometerUncalibrated")),
+    ):
+        name = next((name for name in names if name in vectors), None)
+        if name is not None:
+            streams[sensor] = vectors[name]
+            tally.skipped.update({n: len(vectors[n][0]) for n in names if n in vectors and n != name})
+    if accel is not None and (attitude := export.rows("Orientation", _WXYZ)) is not None:
+        time_ns, q = attitude
+        if convention.signs is None:
+            tally.skipped["Orientation (does not turn gravity up)"] += len(q)
+        else:
+            q = q * convention.signs
+            streams["rotation"] = time_ns, _east(q) if convention.is_apple else unit_quaternions(q)
+    others = {"baro": export.rows("Barometer", ("pressure",)), "wifi": _wifi(export), "ble": _ble(export)}
+    return streams | {name: rows for name, rows in others.items() if rows is not None}
+
+
+def _vectors(export: Export) -> dict[str, tuple[Any, FloatArray]]:
+    return {name: rows for name in _VECTORS if (rows := export.rows(name, _XYZ)) is not None}
+
+
+def _signs(attitude: tuple[Any, FloatArray], accel: tuple[Any, FloatArray]) -> FloatArray | None:
+    """(4,) that make of its quaternions turns to the building; None where neither way turns that acceleration up."""
     (time_ns, q), origin_ns = attitude, int(attitude[0].min())
-    return device_to_building(seconds(time_ns, origin_ns), q, seconds(accel[0], origin_ns), accel[1])
+    turned = device_to_building(seconds(time_ns, origin_ns), q, seconds(accel[0], origin_ns), accel[1])
+    return None if turned is None else np.ones(4) if turned is q else _INVERSE
 
 
-def _open(path: Path, tally: Tally) -> _Export:
+def _open(path: Path, tally: Tally) -> Export:
     container = open_container(path)
     if container.is_zip or path.is_dir():
         jsons = [name for name in container.names(".json") if _JSON_START in container.read(name, 4096)]
@@ -164,7 +200,7 @@ def _open(path: Path, tally: Tally) -> _Export:
     return _from_tables(path, container, tally)
 
 
-def _from_tables(path: Path, container: Container, tally: Tally) -> _Export:
+def _from_tables(path: Path, container: Container, tally: Tally) -> Export:
     tables: dict[str, DelimitedTable] = {}
     homes: dict[str, list[str]] = defaultdict(list)
     metadata: dict[str, str] = {}
@@ -182,7 +218,7 @@ def _from_tables(path: Path, container: Container, tally: Tally) -> _Export:
                 _refuse_second(path, names)
             table = read_delimited(container.read(names[0]), container.label(names[0]))
             metadata = {key: texts[0] for key in table.columns if (texts := table.texts(key))}
-        elif stem in _USED:
+        elif stem in USED:
             if len(names) > 1 and stem != "Bluetooth":
                 _refuse_second(path, names)
             parts = []
@@ -197,7 +233,7 @@ def _from_tables(path: Path, container: Container, tally: Tally) -> _Export:
                 tables[stem] = parts[0] if len(parts) == 1 else _joined(parts)
         else:
             tally.skipped[stem] += len(names)
-    return _Export(path, tables, metadata)
+    return Export(path, tables, metadata)
 
 
 def _joined(parts: list[DelimitedTable]) -> DelimitedTable:
@@ -213,19 +249,24 @@ def _refuse_second(path: Path, names: list[str]) -> None:
     )
 
 
-def _from_json(path: Path, content: bytes, tally: Tally) -> _Export:
+def _from_json(path: Path, content: bytes, tally: Tally) -> Export:
     """The JSON export: one list of samples, each with its sensor, all values as text."""
     try:
         samples = msgspec.json.decode(content, type=list[dict[str, Any]])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RecordingError(f"{path}: not the JSON export of Sensor Logger: {error}; export it again") from error
-    by_sensor: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for sample in samples:
-        by_sensor[str(sample.get("sensor"))].append(sample)
+    return export_of(path, ((str(sample.get("sensor")), sample) for sample in samples), tally)
+
+
+def export_of(path: Path, samples: Iterable[tuple[str, Mapping[str, Any]]], tally: Tally) -> Export:
+    """The tables of samples, each with the name of its sensor as files have it; those of other sensors are skipped."""
+    by_sensor: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    for sensor, sample in samples:
+        by_sensor[sensor].append(sample)
     metadata = {key: str(value) for row in by_sensor.pop("Metadata", []) for key, value in row.items()}
     tables = {}
     for sensor, rows in by_sensor.items():
-        if sensor not in _USED:
+        if sensor not in USED:
             tally.skipped[sensor] += len(rows)
             continue
         columns: dict[str, Any] = {}
@@ -236,10 +277,10 @@ def _from_json(path: Path, content: bytes, tally: Tally) -> _Export:
             except ValueError:
                 columns[key] = np.array(values, dtype=object)
         tables[sensor] = DelimitedTable(path / sensor, columns, 1, tally.mended, tally.dropped)
-    return _Export(path, tables, metadata)
+    return Export(path, tables, metadata)
 
 
-def _platform(export: _Export, vectors: Mapping[str, Any], tally: Tally) -> tuple[bool, bool]:
+def _platform(export: Export, vectors: Mapping[str, Any], tally: Tally) -> tuple[bool, bool]:
     """Whether accelerations have Apple's sign, and whether the uncalibrated accelerometer is in g."""
     platform = export.metadata.get("platform", "").lower()
     standardised = export.metadata.get("standardisation", "").lower() == "true"
@@ -292,7 +333,7 @@ def _east(q: FloatArray) -> FloatArray:
     return unit_quaternions(np.column_stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w]))
 
 
-def _wifi(export: _Export) -> tuple[Any, FloatArray] | None:
+def _wifi(export: Export) -> tuple[Any, FloatArray] | None:
     rows = export.rows("WiFi", ("level", "frequency"))
     if rows is None:
         return None
@@ -301,7 +342,7 @@ def _wifi(export: _Export) -> tuple[Any, FloatArray] | None:
     return time_ns, np.column_stack([opaque_ids("wifi", address), values, np.zeros(len(values))])
 
 
-def _ble(export: _Export) -> tuple[Any, FloatArray] | None:
+def _ble(export: Export) -> tuple[Any, FloatArray] | None:
     rows = export.rows("Bluetooth", ("rssi",))
     if rows is None:
         return None
@@ -318,7 +359,7 @@ def sniff(head: Head) -> bool:
         begin = head.content[:4096].lstrip()
         if begin.startswith(b"[") and _JSON_START in begin and b"seconds_elapsed" in head.content:
             return True
-        return PurePosixPath(plain_name(head.path.name)).stem in _USED and begin.startswith(_TABLE_START)
+        return PurePosixPath(plain_name(head.path.name)).stem in USED and begin.startswith(_TABLE_START)
     if any(head.peek(name).startswith(_TABLE_START) for name in head.members(".csv")):
         return True
     return any(

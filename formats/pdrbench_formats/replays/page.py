@@ -8,6 +8,7 @@ import importlib.resources
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -91,9 +92,9 @@ def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any
     where the weight is 0) are little-endian in base64.
     """
     building, reference = replay.recording.building, replay.recording.reference
-    low, high = _box(replay)
-    levels = list(building.levels) if building is not None else sorted({0, *reference.level.tolist()})
-    view = PLAN if building is None or len(levels) == 1 else exploded_view(building)
+    bounds_m = None if building is not None else bounds_to_show(replay.recording, {"": replay.result})
+    box = box_of(building, bounds_m, reference.level.tolist())
+    low, high, levels = box.low, box.high, box.levels
     frames: dict[str, list[Any]] = {name: [] for name in FRAME_LISTS}
     places, marks, first = [], [], [0]
     for shot in shots:
@@ -101,20 +102,28 @@ def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any
         if shot.dots is not None:
             known = shot.dots.only(np.isin(shot.dots.level, levels))
             places.append(quantised(np.column_stack([known.xy_m, known.height_m]), low, high))
-            marks.append(_marks(known, levels))
+            marks.append(marks_of(known, levels))
         first.append(first[-1] + (len(marks[-1]) if shot.dots is not None else 0))
     return {
         "title": replay.title,
         "fps": replay.fps,
         "frame_s": replay.every * replay.period_s,
-        "levels": [{"level": level, **_plan(building, level)} for level in levels],
+        **building_data(building, box),
+        "reference": places_of(building, reference.xy_m, reference.level),
+        "frames": frames,
+        "cloud": {"first": first, "places": base64_of(places, "<u2"), "marks": base64_of(marks, "u1")},
+    }
+
+
+def building_data(building: Building | None, box: Box) -> dict[str, Any]:
+    """What a page draws of a building: its levels, how they lie in the picture, and colours."""
+    view = PLAN if building is None or len(box.levels) == 1 else exploded_view(building)
+    return {
+        "levels": [{"level": level, **_plan(building, level)} for level in box.levels],
         "has_map": building is not None,
         "matrix": view.matrix.tolist(),
-        "low": low.tolist(),
-        "high": high.tolist(),
-        "reference": _places(building, reference.xy_m, reference.level),
-        "frames": frames,
-        "cloud": {"first": first, "places": _base64(places, "<u2"), "marks": _base64(marks, "u1")},
+        "low": box.low.tolist(),
+        "high": box.high.tolist(),
         "colours": {
             "floors": FLOOR_COLOURS,
             "wall": WALL_COLOUR,
@@ -136,34 +145,42 @@ def _append(frames: dict[str, list[Any]], shot: ReplayFrame, building: Building 
     answer = shot.estimate
     estimate = None
     if answer is not None:
-        estimate = _places(building, answer.xy_m[None], np.array([answer.level]))[0]
+        estimate = places_of(building, answer.xy_m[None], np.array([answer.level]))[0]
     level = shot.reference[2:]
-    reference = _places(building, shot.reference[None, :2], level)[0] if np.isfinite(level).all() else None
+    reference = places_of(building, shot.reference[None, :2], level)[0] if np.isfinite(level).all() else None
     frames["t_s"].append(round(shot.now_s, DIGITS))
     frames["estimate"].append(estimate)
     frames["reference"].append(reference)
-    frames["sigma_m"].append(None if answer is None else _number(answer.sigma_m))
+    frames["sigma_m"].append(None if answer is None else number_of(answer.sigma_m))
     frames["converged"].append(None if answer is None or answer.converged is None else bool(answer.converged))
     frames["particles"].append(shot.num_particles)
     frames["clusters"].append(shot.num_clusters)
-    frames["error_m"].append(_number(shot.error_m))
+    frames["error_m"].append(number_of(shot.error_m))
     frames["level_right"].append(shot.is_level_right)
 
 
-def _box(replay: WalkReplay) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest x, y and height (3,) that the page shows."""
-    building = replay.recording.building
-    if building is None:
-        xmin, ymin, xmax, ymax = bounds_to_show(replay.recording, {"": replay.result})
-        heights = [0.0]
-    else:
-        xmin, ymin, xmax, ymax = building.bounds_m()
-        heights = [polygon.height_m for polygon in building.polygons]
+@dataclass(frozen=True, slots=True)
+class Box:
+    """What a page shows: from `low` (3,) to `high` (3,) in x, y and height, on `levels`."""
+
+    low: FloatArray
+    high: FloatArray
+    levels: list[int]
+
+
+def box_of(
+    building: Building | None, bounds_m: tuple[float, float, float, float] | None = None, levels: Iterable[int] = ()
+) -> Box:
+    """The whole building; without one what lies within `bounds_m` on level 0 and `levels`."""
+    heights = [0.0] if building is None else [polygon.height_m for polygon in building.polygons]
+    xmin, ymin, xmax, ymax = bounds_m if building is None and bounds_m else building.bounds_m()  # type: ignore[union-attr]
     low = np.array([xmin - MARGIN_M, ymin - MARGIN_M, min(heights)])
-    return low, np.array([xmax + MARGIN_M, ymax + MARGIN_M, max(heights) + 1.0])
+    high = np.array([xmax + MARGIN_M, ymax + MARGIN_M, max(heights) + 1.0])
+    return Box(low, high, sorted({0, *levels}) if building is None else list(building.levels))
 
 
-def _marks(dots: Dots, levels: Sequence[int]) -> NDArray[np.uint8]:
+def marks_of(dots: Dots, levels: Sequence[int]) -> NDArray[np.uint8]:
+    """(N,) the place of each level in `levels`, plus 128 where the weight is 0."""
     place = np.searchsorted(levels, dots.level)
     return (place + ZERO_WEIGHT * ~dots.alive).astype("u1")
 
@@ -175,7 +192,7 @@ def _plan(building: Building | None, level: int) -> dict[str, Any]:
     stepped = is_stairs(building)
     here = np.array([polygon.level == level for polygon in building.polygons])
     return {
-        "height_m": _number(level_height_m(building, level)),
+        "height_m": number_of(level_height_m(building, level)),
         "floors": _part(building, here & ~stepped),
         "stairs": _part(building, here & stepped),
     }
@@ -184,7 +201,11 @@ def _plan(building: Building | None, level: int) -> dict[str, Any]:
 def _part(building: Building, chosen: BoolArray) -> dict[str, list[Any]]:
     """Some polygons (P,): rings with kind and height, upright faces, and two sorts of lines, flat after the rings."""
     rings = [
-        {"kind": polygon.kind, "height_m": _number(polygon.height_m), "rings": [_flat(ring) for ring in polygon.rings]}
+        {
+            "kind": polygon.kind,
+            "height_m": number_of(polygon.height_m),
+            "rings": [_flat(ring) for ring in polygon.rings],
+        }
         for polygon, wanted in zip(building.polygons, chosen, strict=True)
         if wanted
     ]
@@ -206,13 +227,14 @@ def _lines(building: Building, chosen: BoolArray, over_m: FloatArray | None = No
     return _flat(np.column_stack(columns)[chosen])
 
 
-def _places(building: Building | None, xy_m: FloatArray, level: NDArray[Any]) -> Rows:
+def places_of(building: Building | None, xy_m: FloatArray, level: NDArray[Any]) -> Rows:
     """`x_m, y_m, level, height_m` of places; the height None where there is no such level."""
     height_m = np.zeros(len(xy_m)) if building is None else floor_height_m(building, xy_m, level)
-    return [[_number(value) for value in row] for row in np.column_stack([xy_m, level, height_m])]
+    return [[number_of(value) for value in row] for row in np.column_stack([xy_m, level, height_m])]
 
 
-def _number(value: float | None) -> float | None:
+def number_of(value: float | None) -> float | None:
+    """As JSON knows it: None where it is not finite."""
     return None if value is None or not math.isfinite(value) else round(float(value), DIGITS)
 
 
@@ -220,7 +242,8 @@ def _flat(values: FloatArray) -> list[Any]:
     return np.round(values, DIGITS).ravel().tolist()
 
 
-def _base64(parts: Sequence[NDArray[Any]], kind: str) -> str:
+def base64_of(parts: Sequence[NDArray[Any]], kind: str) -> str:
+    """Arrays one after the other, as numbers of a kind."""
     joined = np.concatenate([part.ravel() for part in parts]) if parts else np.zeros(0)
     return base64.b64encode(joined.astype(kind).tobytes()).decode()
 

@@ -230,7 +230,9 @@ class _Opening:
         for name in wanted:
             if name not in streams:
                 raise RecordingError(f"{self._path}: {self._why_missing(name, list(streams))}")
-        return {name: streams[name][0].spec(name, streams[name]) for name in wanted}
+        specs = {name: streams[name][0].spec(name, streams[name]) for name in wanted}
+        stated = self._content.task.rates_hz
+        return {name: dataclasses.replace(spec, rate_hz=stated.get(name, spec.rate_hz)) for name, spec in specs.items()}
 
     def _why_missing(self, name: str, present: Sequence[str]) -> str:
         """Why no walk has a sensor that is wanted."""

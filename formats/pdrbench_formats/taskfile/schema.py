@@ -36,6 +36,7 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         start: What a localizer is given of the start; None: "pose" where every walk has a start or a first place.
         period_s: Between observations.
         sensors: Offered; None for all that a walk has.
+        rates_hz: Nominal rate by sensor; left out: the median over walks.
         derive: Whether sensors that are missing are computed from others.
         unit_kind: What the `unit` of a walk is, for tables: "session", "person".
     """
@@ -48,6 +49,7 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     start: StartKnowledge | None = None
     period_s: _Positive = 0.2
     sensors: tuple[_Name, ...] | None = None
+    rates_hz: Mapping[str, _Positive] = {}
     derive: bool = True
     unit_kind: _Name = "session"
 

@@ -399,4 +399,4 @@ function sized(box) {
 }
 
 if (typeof document === "undefined") module.exports = player;
-else start(JSON.parse(document.getElementById("walk").textContent));
+else if (document.getElementById("walk")) start(JSON.parse(document.getElementById("walk").textContent));

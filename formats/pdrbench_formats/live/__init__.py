@@ -1,0 +1,1 @@
+"""A phone that streams, and a page that shows where it is."""
