@@ -72,6 +72,8 @@ def film(live: Running, stroll: Stroll, page: Page, path: Path) -> None:
     pictures = []
     for k, end_s in enumerate(stroll.ends_s):
         live.post(stroll.push(end_s))
+        while k == 8 and not live.server.phones["android"].trail:
+            time.sleep(0.1)  # it compiles
         if k % 2 and k > 8:
             time_s: Any = live.server.phones["android"].trail[-1][4]
             page.wait(f"Number(document.getElementById('plan').dataset.time) >= {time_s} - 0.001")

@@ -70,13 +70,21 @@ def play(live: Running, ends_s: list[float], packet: Callable[[float], bytes]) -
 
 
 @pytest.mark.parametrize("is_apple", [False, True], ids=["android", "iphone"])
-def test_sensor_logger(live: Running, stroll: Stroll, rng: np.random.Generator, is_apple: bool) -> None:
+def test_sensor_logger(
+    live: Running, stroll: Stroll, rng: np.random.Generator, tmp_path: Path, command: Any, is_apple: bool
+) -> None:
     sent = unreliable(stroll, rng)
     play(live, sent, lambda end_s: stroll.push(end_s, is_apple=is_apple))
     accel = assert_replays(live.ended("android"), LOCALIZER)
     arrived = np.concatenate([stroll.rows("accel", end_s) for end_s in sorted(set(sent))])
     np.testing.assert_allclose(accel[:, 0], arrived[:, 0] - arrived[0, 0], atol=1e-6)
     np.testing.assert_allclose(accel[:, 1:], arrived[:, 1:], atol=1e-9)
+    if not is_apple:
+        phone = live.server.phones["android"]
+        words = ("--localizer", LOCALIZER, "--isolation", "none", "--out", tmp_path / "tried")
+        (path,) = command("try", phone.folders[0], *words, "--json").json["paths"]
+        np.testing.assert_allclose([path["end_x_m"], path["end_y_m"]], phone.trail[-1][:2], atol=6e-4)
+        assert "leave out" in command("try", phone.folders[0], *words, "--heading", "3").err
 
 
 def test_websocket(live: Running, stroll: Stroll, rng: np.random.Generator) -> None:

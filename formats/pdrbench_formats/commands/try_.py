@@ -67,6 +67,7 @@ def try_(
     with answer_only(as_json):
         from pdrbench.cli.ready import ready_localizers
         from pdrbench.evaluation import Results, evaluate
+        from pdrbench.registry import TASK_FILE
         from pdrbench.result import shown_name
         from pdrbench_formats.taskfile import walks_of_file
         from pdrbench_formats.taskfile.advice import (
@@ -85,7 +86,11 @@ def try_(
         )
         names = localizer or (None if plays_all else (*ADVISED, STANDING))
         localizers = ready_localizers(names, SPLIT, isolation)
-        path, notes = write_draft(files, wishes, make_folder(out))
+        path, notes = files[0] / TASK_FILE, list[str]()
+        if len(files) > 1 or not path.is_file():
+            path, notes = write_draft(files, wishes, make_folder(out))
+        elif wishes != Wishes(doors="rooms"):
+            raise PdrbenchError(f"{path} says all of its walks: leave out the options, or name a recording beside it")
         walks = walks_of_file(path)
         declined = declined_results(localizers, str(path), SPLIT, walks.facts)
         played = [name for name in localizers if name not in {result.localizer for result in declined}]
