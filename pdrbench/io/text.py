@@ -24,10 +24,12 @@ class Text:
     Attributes:
         content: The bytes.
         mended: Count by reason of what was repaired without loss.
+        added_lines: That stand above those of the file.
     """
 
     content: bytes
     mended: dict[str, int] = field(default_factory=dict)
+    added_lines: int = 0
 
 
 def read_text(path: Path) -> Text:

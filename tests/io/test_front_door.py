@@ -134,7 +134,7 @@ def imu_recorder(walk: Rows) -> samples.Files:
     """A file for each sensor, without a header, nanoseconds since boot; the attitude as x, y, z, w."""
     files = {}
     rows = {"acce": "accel", "gyro": "gyro", "magnet": "mag", "game_rv": "rotation"}
-    rows |= {"gravity": "gravity", "rv": "rotation"}
+    rows |= {"gravity": "gravity", "rv": "rotation", "linacce": "gravity"}  # the name says that gravity is not in it
     for name, sensor in rows.items():
         columns = table(walk, sensor, t=1e9, begin=14_378.66)
         columns = columns[:, [0, 2, 3, 4, 1]] if sensor == "rotation" else columns
@@ -269,6 +269,30 @@ def objects(walk: Rows) -> samples.Files:
     return {"a.jsonl": "\n".join(json.dumps({"t": r[0], "acc": r[1:4], "gyr": r[4:]}) for r in rows).encode()}
 
 
+def rows_in_a_document(walk: Rows) -> samples.Files:
+    """JSON with a list for each sensor."""
+    names = {"Accelerometer": "accel", "Gyroscope": "gyro"}
+    lists = {name: [dict(zip("txyz", row, strict=True)) for row in walk[of].tolist()] for name, of in names.items()}
+    return {"a.json": json.dumps({"device": {"name": "x"}, "data": lists}).encode()}
+
+
+def columns_in_a_document(walk: Rows) -> samples.Files:
+    """JSON with a list for each column."""
+    columns = np.column_stack([walk["accel"], walk["gyro"][:, 1:]]).T.tolist()
+    return {"a.json": json.dumps(dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz"), columns, strict=True))).encode()}
+
+
+def serial_monitor(walk: Rows) -> samples.Files:
+    """Of Arduino, with its own times; words of a language that is not known, axes as numbers in brackets."""
+    rows = samples.lines_of(np.column_stack([walk["accel"][:, 1:], walk["gyro"][:, 1:]]))
+    names = ",".join(f"{name}[{axis}]" for name in ("kiihtyvyys", "kulmanopeus") for axis in range(3))
+    return {
+        "a.txt": "".join(
+            f"22:13:{0.01 * k:06.3f} -> {row}\n" for k, row in enumerate([names, *rows], -1 + 100)
+        ).encode()
+    }
+
+
 def named_fields(walk: Rows) -> samples.Files:
     rows = zip(walk["accel"].tolist(), walk["gyro"].tolist(), strict=True)
     form = "t:{:.3f}, ax:{:.7f}, ay:{:.7f}, az:{:.7f}, gx:{:.7f}, gy:{:.7f}, gz:{:.7f}\n"
@@ -284,7 +308,7 @@ def odd_lines(walk: Rows) -> samples.Files:
 
 DOORS = (imu_recorder, meta_base, gnss_logger, wit_motion, mars, table_and_labels, xsens_commas, shimmer)
 DOORS += (stamps_of_ros, folders_of_sensors, kinds_in_a_column, kinds_as_numbers, kinds_without_a_header, odd_lines)
-DOORS += (gravity_beside_the_rest, objects, named_fields)
+DOORS += (gravity_beside_the_rest, objects, named_fields, rows_in_a_document, columns_in_a_document, serial_monitor)
 
 
 @pytest.mark.parametrize("write", DOORS, ids=lambda write: write.__name__)
@@ -339,7 +363,20 @@ def numbered_rows(walk: Rows) -> bytes:
 
 
 def numbers_alone(walk: Rows) -> bytes:
-    return samples.text_of("", table(walk, "gyro", "accel", t=1e9, begin=60_000.0), "\t", "%.15g")
+    """With a number of the sensor before each vector."""
+    columns = table(walk, "gyro", "accel", t=1e9, begin=60_000.0)
+    return samples.text_of("", np.insert(columns, (1, 4), (4, 3), axis=1), "\t", "%.15g")
+
+
+def two_suffixes(walk: Rows) -> bytes:
+    columns = table(walk, "accel", "gyro", t=1e3)
+    names = [f"{name}_{side}" for side in ("left", "right") for name in ("ax", "ay", "az", "gx", "gy", "gz")]
+    return samples.text_of(",".join(["t_ms", *names]), np.hstack([columns, -columns[:, 1:]]))
+
+
+def sign_of_an_iphone(walk: Rows) -> bytes:
+    columns = np.hstack([-walk["accel"] * [-1, 1, 1, 1], walk["gyro"][:, 1:], walk["rotation"][:, 1:]])
+    return samples.text_of("t,ax,ay,az,gx,gy,gz,qw,qx,qy,qz", columns)
 
 
 @pytest.mark.parametrize(
@@ -348,6 +385,8 @@ def numbers_alone(walk: Rows) -> bytes:
         (two_headers, r"right_sensor acc_x.*accel and gyro: two devices.*state the rate"),
         (numbered_rows, "state the rate"),
         (numbers_alone, r"numbers without a header.*header_line = 0"),
+        (two_suffixes, "several accelerometers and gyroscopes.*two devices"),
+        (sign_of_an_iphone, "the attitude turns gravity down"),
     ],
 )
 def test_the_map_in_the_message_reads_the_file(write: Any, message: str, phone_walk: Rows, tmp_path: Path) -> None:

@@ -221,7 +221,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "lines": (lambda p: written_text(p / "a.json", "\n".join(map(json.dumps, house()))), "a feature on each line"),
     "other words": (
         lambda p: plain([{**one, "properties": {"what": "room", "floor": 0}} for one in house()], p / "a.json"),
-        "its properties are floor, what",
+        "its properties are floor, level, what",
     ),
     "unit": (lambda p: plain(house(), p / "a.geojson", units="yards"), "a.geojson: no unit of length"),
     "cut gzip": (
@@ -234,8 +234,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "pbf": (lambda p: written_bytes(p / "a.osm.pbf", b"\0\0\0\x0d\n\tOSMHeader" + bytes(50)), "osmium cat"),
     "named levels": (
-        lambda p: written_text(p / "a.osm", osm_xml(osm_elements()).replace("'0-1'", "'EG'").replace('"0-1"', '"EG"')),
-        "level is 'EG'",
+        lambda p: written_text(
+            p / "a.osm", osm_xml(osm_elements()).replace("'0-1'", "'roof'").replace('"0-1"', '"roof"')
+        ),
+        "level is 'roof'",
     ),
     "indoorgml 2.0": (lambda p: indoorgml(p, version="2.0"), "IndoorGML 2.0"),
     "cells in degrees": (lambda p: indoorgml(p, change=lambda q: (51 + q[1] * 1e-5, 13 + q[0] * 1e-5)), "degrees"),
@@ -289,7 +291,7 @@ BAD: dict[str, tuple[Callable[[list[dict[str, Any]]], Any], str]] = {
     "unclosed": (_ring(rectangle(0, 0, 5, 4)[:-1]), "not closed"),
     "unknown feature": (lambda features: features[0]["properties"].update(feature="rom"), "did you mean 'room'"),
     "missing level": (_without("level"), "level is None"),
-    "level is text": (lambda features: features[0]["properties"].update(level="0"), "whole number"),
+    "level is text": (lambda features: features[0]["properties"].update(level="roof"), "whole number"),
     "not a number": (_ring([(0, 0), (1, "x"), (1, 1), (0, 0)]), "two finite numbers"),
     "unknown geometry": (lambda features: features[0]["geometry"].update(type="Circle"), "Circle"),
     "wrong nesting": (lambda features: features[0]["geometry"].update(coordinates=[1, 2]), "nested wrongly"),

@@ -20,6 +20,7 @@ from pdrbench.io.container import Container, open_container
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.text import from_utf16
 
+WORDS: Final[Mapping[str, Any]] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
 MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
 MAX_NAME: Final = 250  # characters
@@ -27,6 +28,7 @@ MAX_XML_DEPTH: Final = 100  # GML has 15 levels; what looks below each element t
 MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is larger overflows squares
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 _UTF16_DECLARED: Final = re.compile(rb"\A(\s*<\?xml[^>]*?)\s+encoding=.UTF-16(?:LE|BE)?.", re.I)
+_MAX_LEVEL: Final = 1000
 _Table = TypeVar("_Table")
 
 
@@ -161,7 +163,7 @@ def features_of(collection: Collection, where: str) -> tuple[list[Feature], list
     found, mended = [], []
     total = 0
     for number, feature in enumerate(collection.features):
-        tags = feature.properties or {}
+        tags = _with_level(feature.properties or {})
         id = str(feature.id if feature.id is not None else tags.get("id", number))
         own = f"{where}: feature {number} ({id})"
         if feature.geometry is None:
@@ -177,6 +179,37 @@ def features_of(collection: Collection, where: str) -> tuple[list[Feature], list
             mended.append(f"{own}: heights of vertices left out")
         found.append(Feature(id, shape, tags, feature.feature_type, own))
     return found, mended
+
+
+def _with_level(tags: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Attributes of a feature; the level as a number where it is the name of a floor, whatever its attribute is."""
+    given = {key.lower(): value for key, value in tags.items()}
+    named = next((value for name in WORDS["floors"]["names"] if (value := given.get(name)) not in (None, "")), None)
+    level = level_number(named) if isinstance(named, str) else named if type(named) in (int, float) else None
+    return (
+        tags
+        if level is None or not abs(level) < _MAX_LEVEL
+        else {**tags, "level": int(level) if level == int(level) else level}
+    )
+
+
+def level_number(text: str) -> float | None:
+    """The level that the name of a floor says, a half of a mezzanine; None where it says none.
+
+    >>> [level_number(text) for text in ("EG", "1.OG", "B1", "2. UG", "UG", "M", "-1", "L2", "First floor", "0;1")]
+    [0.0, 1.0, -1.0, -2.0, -1.0, 0.5, -1.0, 2.0, 1.0, None]
+    """
+    text, words = " ".join(text.lower().replace("_", " ").split()), WORDS["floors"]
+    if re.fullmatch(r"[-+]?\d{1,3}(\.\d+)?", text):
+        return float(text)
+    for half, name in ((0.0, "ground"), (0.5, "half")):
+        if re.fullmatch(words[name], text):
+            return half
+    for sign, name in ((-1.0, "below"), (1.0, "above")):
+        if match := re.fullmatch(words[name], text):
+            return sign * float(match["n"] or match["m"] or 1)
+    first = text.split(" ")[0]
+    return 1.0 + words["ordinals"].index(first) if first in words["ordinals"] else None
 
 
 def _count(shape: Any) -> int:

@@ -19,9 +19,10 @@ from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.maps import layers, osm_indoor, shapefile
+from pdrbench_formats.maps import osm_indoor, shapefile
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
+    WORDS,
     Collection,
     Feature,
     check_degrees,
@@ -36,7 +37,7 @@ from pdrbench_formats.maps.features import (
 )
 from pdrbench_formats.maps.plan import Plan
 
-UNITS_M: Final[Mapping[str, float]] = layers.WORDS["units"]
+UNITS_M: Final[Mapping[str, float]] = WORDS["units"]
 DEGREES: Final = "degrees"
 KINDS: Final = ("room", "area", "wall", "door", "stairs", "escalator", "lift", "zone")
 CONNECTIONS: Final = ("stairs", "escalator", "lift")

@@ -13,13 +13,12 @@ from typing import Final
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.maps import layers
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, opened, read_features, to_metres
+from pdrbench_formats.maps.features import WORDS, Feature, check_degrees, frame_of, opened, read_features, to_metres
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
-WORDS: Final = layers.WORDS["imdf"]  # categories: `open`, `barriers`, `solid_fixtures`, `connections`; `unused` files
+CATEGORIES: Final = WORDS["imdf"]  # categories: `open`, `barriers`, `solid_fixtures`, `connections`; `unused` files
 MAX_ORDINAL: Final = 200  # no building has more levels
 
 
@@ -32,7 +31,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     container = opened(Path(path))
     parts: dict[str, list[Feature]] = {}
     mended: list[str] = []
-    for kind in ("level", "unit", "opening", "fixture", "building", *WORDS["unused"]):
+    for kind in ("level", "unit", "opening", "fixture", "building", *CATEGORIES["unused"]):
         parts[kind] = []
         if f"{kind}.geojson" in container.sizes:
             parts[kind], own = read_features(container, f"{kind}.geojson")
@@ -58,23 +57,23 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     outlines: list[Outline] = []
     for unit in parts["unit"]:
         category, shape, number = unit.text("category").lower(), to_metres(unit.shape, geo), _level(unit, ordinals)
-        if category in WORDS["connections"]:
+        if category in CATEGORIES["connections"]:
             outlines.append(
-                Outline(WORDS["connections"][category], number, shape, unit.id, is_walled=category == "elevator")
+                Outline(CATEGORIES["connections"][category], number, shape, unit.id, is_walled=category == "elevator")
             )
-        elif category in WORDS["barriers"]:
+        elif category in CATEGORIES["barriers"]:
             builder.add_wall(shape, number)
         else:
             builder.add_walkable(
-                shape, number, id=unit.id, name=_name([unit]), use=category, walled=category not in WORDS["open"]
+                shape, number, id=unit.id, name=_name([unit]), use=category, walled=category not in CATEGORIES["open"]
             )
     for fixture in parts["fixture"]:
-        if fixture.text("category") in WORDS["solid_fixtures"]:
+        if fixture.text("category") in CATEGORIES["solid_fixtures"]:
             builder.add_wall(to_metres(fixture.shape, geo), _level(fixture, ordinals))
     for opening in parts["opening"]:
         builder.add_door(to_metres(opening.shape, geo), _level(opening, ordinals), name=opening.id)
     join_stacks(builder, outlines)
-    skipped = Counter({kind: len(parts[kind]) for kind in WORDS["unused"] if parts[kind]})
+    skipped = Counter({kind: len(parts[kind]) for kind in CATEGORIES["unused"] if parts[kind]})
     return finished(builder, "imdf", geo, skipped)
 
 
@@ -112,8 +111,10 @@ def _name(features: list[Feature]) -> str:
 
 
 def sniff(head: Head) -> bool:
-    """True for a folder or archive with `unit.geojson` and `level.geojson`; not every producer writes a manifest."""
-    return head.container is not None and {"unit.geojson", "level.geojson"} <= head.container.sizes.keys()
+    """True for a folder or archive with `unit.geojson` and another file of a venue; few producers write all."""
+    others = {"level.geojson", "venue.geojson", "manifest.json"}
+    names = set() if head.container is None else head.container.sizes.keys()
+    return "unit.geojson" in names and bool(others & names)
 
 
 READER: Final = Reader(read, sniff)

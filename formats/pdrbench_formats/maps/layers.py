@@ -10,7 +10,6 @@ The unit is the stated one where what is drawn can be so large: doors, or treads
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -20,9 +19,9 @@ import numpy as np
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.builder import BuildingBuilder
+from pdrbench_formats.maps.features import WORDS
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
-WORDS: Final[Mapping[str, Any]] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
 LAYERS: Final = {name: re.compile(text, re.IGNORECASE) for name, text in WORDS["layers"].items()}
 Unit = Literal["m", "mm", "cm", "ft", "in", ""]
 UNITS: Final = {"m": 1.0, "mm": 0.001, "cm": 0.01, "ft": 0.3048, "in": 0.0254}  # likely ones, the likeliest first

@@ -28,6 +28,7 @@ from pdrbench_formats.maps.features import (
     check_degrees,
     decoded,
     frame_of,
+    level_number,
     member,
     name_of,
     opened,
@@ -59,6 +60,8 @@ def levels_of(text: str) -> list[int]:
     for part in text.replace(",", ";").split(";"):
         match = _RANGE.fullmatch(part.strip())
         if match is None:
+            level = level_number(part)
+            found |= {int(level)} if level is not None and level == int(level) else set()
             continue
         low, high = float(match[1]), float(match[2] or match[1])
         if abs(low) > MAX_LEVELS or abs(high) > MAX_LEVELS:

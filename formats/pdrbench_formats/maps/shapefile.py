@@ -22,13 +22,22 @@ from pdrbench.errors import MapError
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import Feature, frame_of, is_degrees, member, name_of, opened, to_metres
+from pdrbench_formats.maps.features import (
+    WORDS,
+    Feature,
+    frame_of,
+    is_degrees,
+    level_number,
+    member,
+    name_of,
+    opened,
+    to_metres,
+)
 from pdrbench_formats.maps.layers import LAYERS, Drawn, add_levels, in_metres, kind_of
 from pdrbench_formats.maps.plan import Plan
 
 MAGIC: Final = b"\0\0\x27\x0a"  # of a .shp, ESRI 1998
-NAMED: Final = ("layer", "type", "category", "class", "kind", "feature")  # attributes, the best first
-LEVELS: Final = ("level", "floor", "storey", "floor_id", "level_id", "z_level")
+NAMED: Final = ("layer", "type", "category", "class", "kind", "feature", "room_type")  # attributes, the best first
 _LEVEL_IN_NAME: Final = re.compile(r"(?:floor|level|etage|storey|piso|og)[ _-]*(-?\d+)|(-?\d+)\.?(?:og|etage)", re.I)
 _PRJ_UNIT: Final = re.compile(r'UNIT\["[^"]*",\s*([\d.eE+-]+)')
 
@@ -97,13 +106,14 @@ def layer_of(feature: Feature) -> str:
 
 def _level_of(feature: Feature) -> float:
     tags = {key.lower(): feature.text(key) for key in feature.tags}
-    for text in (tags[name] for name in LEVELS if tags.get(name)):
-        try:
-            return float(text)
-        except ValueError:
-            raise MapError(f"{feature.where}: level is {text!r}; give a number, 0 for the ground") from None
-    named = _LEVEL_IN_NAME.search(feature.kind)
-    return float(named[1] or named[2]) if named else 0.0
+    for text in (tags[name] for name in WORDS["floors"]["names"] if tags.get(name)):
+        if (level := level_number(text)) is None:
+            raise MapError(f"{feature.where}: level is {text!r}; give a number, 0 for the ground")
+        return level
+    if named := _LEVEL_IN_NAME.search(feature.kind):
+        return float(named[1] or named[2])
+    parts = (part for part in re.split(r"[\W_]+", feature.kind) if not part.isdecimal())
+    return next((level for part in parts if (level := level_number(part)) is not None), 0.0)
 
 
 def _parts(shape: Any) -> list[Any]:

@@ -32,6 +32,7 @@ _MOST: Final = 1e4  # s, rad/s, m/s^2, uT: what a damaged file holds must not ov
 _DEGREE: Final = np.pi / 180.0
 _HUGE: Final = 1e12  # in any unit
 _WINDOW_S: Final = 0.5  # a step, over which shaking cancels
+_MIN_EXPLAINED: Final = 0.5  # of how gravity turns, by what is taken for rates without a name that says so
 _DEGREES_BELOW: Final = 0.13  # of the factor between rates in rad/s, 1, and in degrees, 0.017: their geometric mean
 _FACTORS: Final = (1.0, -1.0, _DEGREE, 1.0 / _DEGREE)  # by which rates are tried
 _AS_GIVEN: Final = ((0, 1, 2), (1.0, 1.0, 1.0))
@@ -164,13 +165,25 @@ def _attitudes(omega: FloatArray) -> FloatArray:
 
 
 def turns_in_degrees(gyro: FloatArray, accel: FloatArray) -> bool:
-    """Whether rates (T, 4), read as rad/s, are degrees by what they do to gravity, in whatever unit `accel` is.
+    """Whether rates (T, 4), read as rad/s, are degrees by what they do to gravity, in whatever unit `accel` is."""
+    factor, sigma, _ = _turning_of_gravity(gyro, accel)
+    return 2.0 * sigma < factor < _DEGREES_BELOW - 3.0 * sigma
+
+
+def turns_gravity(rates: FloatArray, accel: FloatArray) -> bool:
+    """Whether vectors (T, 4) of any name are the rates at which gravity turns, in rad/s or degrees/s."""
+    factor, _, explained = _turning_of_gravity(rates, accel)
+    return explained > _MIN_EXPLAINED and any(0.5 < factor / unit < 2.0 for unit in (1.0, _DEGREE))
+
+
+def _turning_of_gravity(gyro: FloatArray, accel: FloatArray) -> tuple[float, float, float]:
+    """How gravity turns beside what rates (T, 4) say: the factor between them, its sigma, and the part explained.
 
     Over windows of half a second the direction of gravity, (K, 3), turns by w x g dt: the factor of least squares
     between that and what it does, 1 for rad/s and 0.017 for degrees, where the device tilts at all.
     """
     if min(len(gyro), len(accel)) < MIN_ROWS or any((np.diff(rows[:, 0]) < 0).any() for rows in (gyro, accel)):
-        return False
+        return 0.0, 0.0, 0.0
     begin_s = [min(gyro[0, 0], accel[0, 0]), 0.0, 0.0, 0.0]
     means = [windows(np.clip(rows - begin_s, -_HUGE, _HUGE), _WINDOW_S)[0] for rows in (accel, gyro)]
     num = min(map(len, means))
@@ -182,7 +195,7 @@ def turns_in_degrees(gyro: FloatArray, accel: FloatArray) -> bool:
     predicted, turned = predicted[whole].ravel(), turned[whole].ravel()
     power = float(predicted @ predicted)
     if len(predicted) < 9 or not power:
-        return False
+        return 0.0, 0.0, 0.0
     factor = float(predicted @ turned) / power
     sigma = float(np.std(turned - factor * predicted)) / power**0.5
-    return bool(2.0 * sigma < factor < _DEGREES_BELOW - 3.0 * sigma)
+    return factor, sigma, factor**2 * power / max(float(turned @ turned), 1e-9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,12 +12,13 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS
-from pdrbench_formats.recordings.axes import turns_in_degrees
+from pdrbench_formats.recordings.axes import turns_gravity, turns_in_degrees
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock
 from pdrbench_formats.recordings.delimited import DelimitedTable
 from pdrbench_formats.recordings.texts import WORDS
 
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
+_INDEX: Final = re.compile(r"[(\[]\s*(\d+|[wxyzWXYZ])\s*[)\]]")  # the axis, as of `accel[0]` and `Accelerometers[X]`
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _SECONDS: Final = ("s", "sec", "secs", "second", "seconds", "sekunden")
 _UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
@@ -31,10 +32,12 @@ _AFTER_AXIS: Final = re.compile(r"(.*)[\W_]?([wxyz])[\W_]+(.+)")  # a name, its 
 _ENDINGS: Final = sorted(
     {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
 )
+_W3C: Final = {"alpha": "z", "beta": "x", "gamma": "y"}  # rates in the DeviceMotion of browsers
 _LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
 _SENSOR_NAMES: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["alone"]
 _SENSOR_WORDS: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["ending"]
-_LINEAR, _OTHER, _FILLERS = (WORDS["columns"][name] for name in ("linear", "other", "fillers"))
+_OTHER, _FILLERS = WORDS["columns"]["other"], WORDS["columns"]["fillers"]
+_LINEAR: Final = re.compile("|".join(WORDS["columns"]["linear"]))
 TIME_NAMES: Final[Sequence[str]] = [
     *WORDS["columns"]["time"],
     *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
@@ -47,6 +50,7 @@ _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
 _SAMPLED_S: Final = (1e-3, 0.05)  # of inertial sensors: 1000 to 20 Hz
+_MIN_FIELD_UT: Final = 5.0  # less is no field of the Earth, in whatever is taken for the unit
 _RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
 
 
@@ -68,14 +72,18 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     found: dict[str, Any] = {}
     assumed: list[str] = []
     groups: dict[tuple[int, str, str], dict[str, str]] = {}
+    unknown: dict[str, dict[str, str]] = {}  # columns of vectors whose word is not known, by it
     for name, (base, unit) in named.items():
         for axis, stem in _axes_of(base):
             kind, rank = (sensor or sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
             if not kind and not any(word in stem for word in _OTHER):
                 # a word of another language, or before another, or a letter after what all names begin with
                 kind, rank = sensor_by(unit) or sensor_in(name) or sensor_of(_letter_before(axis, name))[0], 2
-            if kind and axis not in groups.setdefault((rank, kind, stem), {}):
-                groups[rank, kind, stem][axis] = name
+            owner = f"{stem} {unit}" if unit and unit not in _ENDINGS else stem  # what no unit is called names a device
+            if kind:
+                groups.setdefault((rank, kind, owner), {}).setdefault(axis, name)
+            elif stem not in ("", *_FILLERS) and not any(word in stem for word in _OTHER):
+                unknown.setdefault(stem, {}).setdefault(axis, name)
     whole = {
         key: tuple(axes[axis] for axis in ("wxyz" if key[1] == "rotation" else "xyz"))
         for key, axes in groups.items()
@@ -88,6 +96,9 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         whole[2, "accel", ""] = tuple(plain)
         bases = {base: name for base, name in bases.items() if name not in plain}
         assumed.append("accel")
+    vectors = [tuple(axes[axis] for axis in "xyz") for axes in unknown.values() if axes.keys() >= set("xyz")]
+    if not kinds & {"accel", "linear"} and len(forces := [names for names in vectors if _is_force(table, names)]) == 1:
+        whole.setdefault((2, "accel", ""), forces[0])
     for kind in ("accel", "gravity", "gyro", "mag", "rotation"):
         of = {
             key: names for key, names in whole.items() if key[1] in ((kind, "linear") if kind == "accel" else (kind,))
@@ -126,11 +137,16 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         stated = unit_of("time_unit", named[time][1]) or unit_of("time_unit", unit_in(named[time][0]))
         found["time_unit"] = stated if stated and _is_numeric(table, time) else time_unit_of(table, time)
         assumed += [] if stated else ["time_unit"]
+    if "gyro" not in found and len(turning := [one for one in vectors if _turns(table, {**found, "gyro": one})]) == 1:
+        found["gyro"] = turning[0]
     for kind in ("accel", "gyro", "mag", "baro"):
         if kind in found:
             name = found[kind] if kind == "baro" else found[kind][0]
             unit = unit_of(f"{kind}_unit", named[name][1])
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
+    if "mag_unit" in assumed and _length_of(table, found["mag"]) * UNITS["mag_unit"][found["mag_unit"]] < _MIN_FIELD_UT:
+        assumed.remove("mag_unit")
+        del found["mag"], found["mag_unit"]  # of no unit: listed among the columns that are not read
     return ColumnMap(**found), assumed
 
 
@@ -138,15 +154,25 @@ def _by_number(named: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str
     """The names and units whose names end in 0, 1, 2 or in 1, 2, 3, with the axes x, y, z in their place."""
     bases = [base for base, _ in named.values() if len(base) > 1]
     ends = {base[:-1]: "".join(sorted(one[-1] for one in bases if one[:-1] == base[:-1])) for base in bases}
-    numbered = [(stem, digits) for stem, digits in ends.items() if digits in ("012", "123")]
+    # digits behind axes number devices
+    numbered = [
+        (stem, digits)
+        for stem, digits in ends.items()
+        if digits in ("012", "123") and not {f"{stem[:-1]}{axis}" for axis in "xyz"} <= ends.keys()
+    ]
     axes = {f"{stem}{digits[k]}": f"{stem}{'xyz'[k]}" for stem, digits in numbered for k in range(3)}
+    for base in bases:
+        for word, axis in _W3C.items():
+            stem = base.removesuffix(word)
+            axes |= {base: f"{stem}{axis}"} if stem != base and sensor_of(stem)[0] == "gyro" else {}
     return {name: (axes[base], unit) for name, (base, unit) in named.items() if base in axes}
 
 
 def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:
-    """Columns without names, in the order of Android: a time, then x, y, z, and w of an attitude."""
-    names = ("time", *("xyzw" if sensor == "rotation" else "xyz"))
-    columns = dict(zip(names, table.columns.values(), strict=False))
+    """Columns without names, in the order of Android: the first that is a time, then x, y, z, and w of an attitude."""
+    names, listed = ("time", *("xyzw" if sensor == "rotation" else "xyz")), list(table.columns)
+    first = listed.index(next(iter(_growing(table, listed)), listed[0]))
+    columns = dict(zip(names, list(table.columns.values())[first:], strict=False))
     return DelimitedTable(table.path, columns, table.first_line, table.mended, table.dropped)
 
 
@@ -195,7 +221,7 @@ def sensor_of(name: str) -> tuple[str, int]:
         return "", 0
     for kind, words in _SENSOR_WORDS.items():
         if word := next((word for word in sorted(words, key=len, reverse=True) if name.endswith(word)), ""):
-            if kind == "accel" and any(other in name for other in _LINEAR):
+            if kind == "accel" and _LINEAR.search(name):
                 return "linear", 1
             return kind, int(word != name)
     return "", 0
@@ -213,7 +239,7 @@ def sensor_in(text: str) -> str:
     if kind or any(word in joined for word in _OTHER):
         return kind
     kinds = {kind for word in words if len(word) > 2 and (kind := sensor_of(word)[0])}
-    if "accel" in kinds and any(word in joined for word in _LINEAR):
+    if "accel" in kinds and _LINEAR.search(joined):
         return "linear"
     return kinds.pop() if len(kinds) == 1 else ""
 
@@ -221,24 +247,19 @@ def sensor_in(text: str) -> str:
 def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
     """What columns without names may be: a time that grows, then vectors, the first with gravity being the force."""
     names = list(table.columns)
-    try:
-        values = _beginning(table, names).table(names)
-    except RecordingError:
-        return None
-    steps = np.diff(values, axis=0)
-    times = [k for k in range(len(names)) if len(steps) and (steps[:, k] >= 0).all() and steps[:, k].any()]
-    if not times or len(names) < times[0] + 4:
-        return None
-    vectors = [tuple(names[k : k + 3]) for k in range(times[0] + 1, len(names) - 2, 3)]
+    times = _growing(table, names)[:1]
+    names = names[names.index(times[0]) + 1 if times else 0 :]
+    changing = [name for name in names if len(values := _seen(table, [name])) and np.ptp(values)]
+    vectors = [tuple(changing[k : k + 3]) for k in range(0, len(changing) - 2, 3)]
     force = next((vector for vector in vectors if _is_force(table, vector)), None)
     if force is None:
         return None
-    found: dict[str, Any] = {"time": names[times[0]], "accel": force, "header_line": 0}
+    found: dict[str, Any] = {"accel": force, "header_line": 0}
+    found |= {"time": times[0], "time_unit": time_unit_of(table, times[0])} if times else {"rate_hz": 100.0}
     assumed: list[str] = []
-    found["time_unit"] = time_unit_of(table, found["time"])
     found["accel_unit"] = _unit_by_size(table, "accel", found, assumed)
     if others := [vector for vector in vectors if vector != force]:
-        found["gyro"] = others[0]
+        found["gyro"] = next((vector for vector in others if _turns(table, {**found, "gyro": vector})), others[0])
         found["gyro_unit"] = _unit_by_size(table, "gyro", found, assumed)
     return ColumnMap(**found)
 
@@ -252,6 +273,7 @@ def _without_fillers(name: str) -> str:
 def split_unit(name: str) -> tuple[str, str]:
     """A column name in small letters without blanks and without its unit, and the unit."""
     unit = ""
+    name = _INDEX.sub(r" \1 ", name)
     if match := _UNIT_TEXT.search(name):
         unit = (match[1] or match[2] or "").strip().lower()
         name = _UNIT_TEXT.sub(" ", name)
@@ -333,8 +355,14 @@ def _is_force(table: DelimitedTable, names: Sequence[str]) -> bool:
     """Whether a vector has gravity, and is usually as long as that in one of the units of acceleration."""
     if not has_gravity(table, names):
         return False
-    usual = float(np.median(np.sqrt((_seen(table, names) ** 2).sum(axis=1))))
+    usual = _length_of(table, names)
     return any(0.8 < usual * factor / UNITS["accel_unit"]["g"] < 1.25 for factor in UNITS["accel_unit"].values())
+
+
+def _length_of(table: DelimitedTable, names: Sequence[str]) -> float:
+    """The usual length of a vector, 0 where no row has it."""
+    values = _seen(table, names)
+    return float(np.median(np.sqrt((values**2).sum(axis=1)))) if len(values) else 0.0
 
 
 def _is_pressure(table: DelimitedTable, name: str) -> bool:
@@ -370,9 +398,15 @@ def _is_numeric(table: DelimitedTable, name: str) -> bool:
 
 
 def _time_by_growth(table: DelimitedTable, names: Collection[str]) -> str | None:
-    """The one column, whatever its name, that grows from row to row as a clock does; one that counts rows is none."""
+    """The one column, whatever its name, that grows from row to row as a clock does."""
+    found = _growing(table, [name for name in table.columns if name in names])
+    return found[0] if len(found) == 1 else None
+
+
+def _growing(table: DelimitedTable, names: Sequence[str]) -> list[str]:
+    """Columns that grow from row to row as a clock does; one that counts rows is none."""
     found = []
-    for name in (name for name in table.columns if name in names):
+    for name in names:
         part = _beginning(table, [name])
         try:
             t, _ = clock(part, name, "s" if table.columns[name].dtype.kind in "iuf" else "datetime")
@@ -382,7 +416,7 @@ def _time_by_growth(table: DelimitedTable, names: Collection[str]) -> str | None
         grows = len(steps) >= MIN_ROWS and np.isfinite(steps).all() and (steps >= 0).all() and (steps > 0).mean() > 0.9
         if grows and not (steps == 1.0).all() and float(np.quantile(steps, 0.9)) < 3.0 * float(np.median(steps)):
             found.append(name)
-    return found[0] if len(found) == 1 else None
+    return found
 
 
 def _is_epoch(table: DelimitedTable, name: str) -> bool:
@@ -432,9 +466,16 @@ def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], 
 
 def _in_degrees(table: DelimitedTable, found: Mapping[str, Any], size: FloatArray) -> bool:
     """Whether rates are in degrees: faster than any gyroscope, or than gravity turns in the frame of the device."""
-    if float(np.quantile(size, 0.99)) > MAX_RATE_RADPS:
-        return True
-    if "accel" not in found or "time" not in found:
+    return float(np.quantile(size, 0.99)) > MAX_RATE_RADPS or _turns(table, found, turns_in_degrees)
+
+
+def _turns(
+    table: DelimitedTable,
+    found: Mapping[str, Any],
+    judged: Callable[[FloatArray, FloatArray], bool] = turns_gravity,
+) -> bool:
+    """What a function of rates and accelerations says of the first rows of a table."""
+    if not found.keys() >= {"accel", "time"}:
         return False
     part = _beginning(table, [found["time"], *found["accel"], *found["gyro"]])
     try:
@@ -443,4 +484,4 @@ def _in_degrees(table: DelimitedTable, found: Mapping[str, Any], size: FloatArra
     except RecordingError:  # which reading the column raises with the line
         return False
     whole = np.isfinite(np.column_stack(rows)).all(axis=1)
-    return turns_in_degrees(rows[0][whole], rows[1][whole])
+    return judged(rows[0][whole], rows[1][whole])

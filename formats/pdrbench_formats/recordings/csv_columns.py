@@ -15,6 +15,7 @@ fields empty; latitude and longitude, which are what the phone took for its plac
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -23,6 +24,7 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
+from pdrbench.inertial.quaternions import to_world
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
@@ -40,6 +42,7 @@ _MAX_DEVICES: Final = 8
 _MAX_SEEN: Final = 1000  # rows that show that a column names no devices
 _TURNS: Final = 0.2  # of all rows, after which those of another device come: labels of what was done change less often
 _PEEK_BYTES: Final = 32_768  # of a table that may hold both inertial sensors
+_COLUMNS: Final = re.compile(rb'\s*\{\s*"[^"]*"\s*:\s*\[\s*[-\d]')  # of JSON, of which a beginning shows the first
 _UNKNOWN: Final = ColumnMap()  # whose separator, decimals and header are found
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
 
@@ -75,7 +78,7 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
     _check_time(path, table, found, assumed)
-    _check_devices(path, table, found)
+    _check_devices(path, table, found, assumed)
     note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
@@ -116,8 +119,14 @@ def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Se
         )
 
 
-def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap) -> None:
-    """Refuses rows of several devices in one table, with the column that tells them apart."""
+def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Sequence[str]) -> None:
+    """Refuses two devices in one table: in columns, with the map of the first; in rows, with the column of devices."""
+    if set(assumed) >= _BOTH:
+        raise RecordingError(
+            f"{path}: line {table.first_line - 1}: several accelerometers and gyroscopes among the columns "
+            f"{', '.join(table.columns)[:300]}: two devices; name those of one of them in a column map, as the first:\n"
+            f"{_indented(found)}"
+        )
     t_s, _ = clock(table, found.time, found.time_unit)
     for name, values in table.columns.items():
         if values.dtype.kind == "f" or name == found.time or len(set(values[:_MAX_SEEN].tolist())) > _MAX_DEVICES:
@@ -178,12 +187,19 @@ def is_inertial(content: bytes, path: Path) -> bool:
 
 def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
     """A device on its face for most of the walk: apps of iPhones write acceleration with the other sign."""
-    if found.accel is None or found.rotation is not None:
+    if found.accel is None:
         return
     axes = {name: names for name in ("accel", "gravity") if (names := getattr(found, name)) is not None}
     turned = (f"{name} = {toml_value([f'-{axis}' for axis in names])}" for name, names in axes.items())
-    force = sum(table.table(names) for names in axes.values())
-    note_face_down(tally, np.asarray(force), f"keep the column map with {' and '.join(turned)}")
+    force = np.asarray(sum(table.table(names) for names in axes.values()))
+    if found.rotation is None:
+        note_face_down(tally, force, f"keep the column map with {' and '.join(turned)}")
+    elif np.nanmean(to_world(table.table(found.rotation), force)[:, 2]) < -0.9 * np.nanmean(
+        np.linalg.norm(force, axis=1)
+    ):
+        other = {name: tuple(f"-{axis}" for axis in names) for name, names in axes.items()}
+        remedy = f"if an iPhone wrote it, pass this column map:\n{_indented(msgspec.structs.replace(found, **other))}"
+        tally.note("error", "accel-sign", "accel", "the attitude turns gravity down: the sign is the other one", remedy)
 
 
 def column_map_of(path: Path | str) -> str:
@@ -217,7 +233,9 @@ def sniff(head: Head) -> bool:
         if not {COLUMNS_OF[kind] for kind in tables.values()} >= _BOTH:
             return False
         return {COLUMNS_OF[kind] for name, kind in tables.items() if _layout_of(head.peek(name), head.path)} >= _BOTH
-    layout = _layout_of(head.content, head.path)
+    is_whole = not _COLUMNS.match(head.content)
+    content = head.content if is_whole else open_container(head.path).read(head.path.name)
+    layout = _layout_of(content, head.path)
     return layout is not None and len(layout.names) >= _MIN_NAMED
 
 

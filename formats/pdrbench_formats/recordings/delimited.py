@@ -162,6 +162,7 @@ def read_delimited(
     names, separator = _once_each(layout.names), layout.separator
     if separator == BLANKS:
         content, separator = _tabbed(content), "\t"
+    added = text.added_lines
     begin = 0
     for _ in range(layout.first_line - 1):
         begin = content.find(b"\n", begin) + 1 or len(content)
@@ -171,7 +172,7 @@ def read_delimited(
     decimal = decimal or decimal_of(content[begin : begin + _SAMPLE_BYTES], separator)
     if decimal == ",":
         mended["decimal commas"] += 1
-    first_line = layout.first_line
+    first_line = layout.first_line - added
     content, begin, names = _whole_lines(content, begin, list(names), separator, path, first_line, dropped, exact)
     if _BLANK.fullmatch(content, begin):
         return DelimitedTable(

@@ -55,7 +55,8 @@ class _Explained:
     @property
     def lacks_gravity(self) -> bool:
         """Whether it holds an acceleration without gravity."""
-        return self.columns.accel is not None and not has_gravity(self.source.table, self.columns.accel)
+        is_linear = self.source.sensor == "linear"
+        return self.columns.accel is not None and (is_linear or not has_gravity(self.source.table, self.columns.accel))
 
     def begin_s(self, unit: str = "") -> float:
         """The first time, in a unit of time."""
@@ -164,12 +165,14 @@ def by_kind(table: DelimitedTable) -> list[SensorTable]:
         if not len(values) or (is_number and not name.lower().endswith(("type", "sensor"))):
             continue
         texts = np.array(table.texts(name))
-        kinds = list(dict.fromkeys(texts[: 50 * _MAX_KINDS].tolist()))
+        kinds = list(dict.fromkeys(texts.tolist()))  # of all rows: they may stand kind by kind
+        if len(kinds) > _MAX_KINDS:
+            continue
         sensors = {kind: _ANDROID.get(kind, "") if is_number else sensor_in(kind) for kind in kinds}
         raw = {kind: sensor_in(kind[len(_RAW) :]) for kind in kinds if kind.lower().startswith(_RAW)}
         known = set(sensors.values())
         sensors |= {kind: sensor for kind, sensor in raw.items() if sensor in ("accel", "gyro") and sensor not in known}
-        if len(kinds) <= _MAX_KINDS and set(sensors.values()) & {"accel", "gyro"}:
+        if set(sensors.values()) & {"accel", "gyro"}:
             return [
                 SensorTable(kind, sensor, _rows_of(table, texts == kind, name, COLUMNS_OF.get(sensor, sensor)))
                 for kind, sensor in sensors.items()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ WORDS: Final = tomllib.loads((Path(__file__).parents[1] / "words.toml").read_tex
 ENCODINGS: Final = ("latin-1", "gb18030", "shift_jis", "cp1251")  # the first in which most words are known
 _FOREIGN: Final = [
     word
-    for words in (*WORDS["sensors"]["ending"].values(), WORDS["columns"]["time"])
+    for words in (*WORDS["sensors"]["ending"].values(), WORDS["columns"]["time"], WORDS["columns"]["level"])
     for word in words
     if not word.isascii()
 ]
@@ -24,6 +25,10 @@ _BEGIN_BYTES: Final = 4096
 _FEW_LINES: Final = 60  # by which rows are known
 _MIN_FIELDS: Final = 3  # of a row: a time and a place
 _MAX_NAMES: Final = 200
+_MAX_DEPTH: Final = 4  # of a list of rows in a document
+_ROWS_BEGIN: Final = re.compile(rb"\[\s*\{")
+_STAMP: Final = re.compile(rb"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=(.*))", re.M)  # of the serial monitor of Arduino
+_LAST_MARK: Final = re.compile(rb";(?=\r?\n)")
 _BETWEEN_OBJECTS: Final = re.compile(rb"\}\s*,\s*\{")
 _BETWEEN_FIELDS: Final = re.compile(rb"[,;\t|]\s*|\s+(?=[A-Za-z_\x80-\xff][^\s:=]*[:=])")
 _FIELD: Final = re.compile(rb"([A-Za-z_\x80-\xff][^:=]*?)\s*[:=]\s*(.*)")
@@ -43,13 +48,51 @@ def text_of(content: bytes, path: Path) -> Text:
         content = content.replace(b"\r", b"\n")
     begin = content[:_BEGIN_BYTES]
     encoding = max(ENCODINGS, key=lambda one: sum(word in begin.decode(one, "ignore").lower() for word in _FOREIGN))
-    return clean_text(_with_header(content), path, encoding=encoding)
+    num_lines = begin.count(b"\n")
+    if 2 * len(_STAMP.findall(begin)) > num_lines:
+        content = _STAMP.sub(_after_stamp, content)
+    if begin.count(b";") == len(_LAST_MARK.findall(begin)) > num_lines / 2:
+        content = _LAST_MARK.sub(b"", content)
+    table = _with_header(content)
+    return replace(clean_text(table, path, encoding=encoding), added_lines=int(table is not content))
+
+
+def _after_stamp(match: re.Match[bytes]) -> bytes:
+    """The time of a line as one of its fields."""
+    rest = match[2]
+    mark = next((one for one in (b",", b"\t", b";") if one in rest), b" ")
+    return (b"time=" if _named_fields(rest) else b"") + match[1].replace(b",", b".") + mark
+
+
+def _objects(content: bytes) -> bytes:
+    """A document of JSON with rows somewhere in it, as an object on each line; lists beside one another are kinds."""
+    try:
+        document = msgspec.json.decode(content)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        begin = None if _members(content.split(b"\n", 1)[0]) else _ROWS_BEGIN.search(content, 0, _BEGIN_BYTES)
+        part = content if begin is None else content[begin.end() - 1 :].replace(b"\n", b" ")
+        return content if begin is None else _BETWEEN_OBJECTS.sub(b"}\n{", part)
+    lists = {key: found for key, found in _lists("", document) if len(found) > _MIN_FIELDS}
+    kinds = {key: found for key, found in lists.items() if all(isinstance(row, dict) for row in found)}
+    rows = [row if len(kinds) == 1 else {"sensor": key, **row} for key, found in kinds.items() for row in found]
+    if not rows and len(set(map(len, lists.values()))) == 1:
+        rows = [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+    return b"\n".join([msgspec.json.encode(row) for row in rows]) or content
+
+
+def _lists(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:
+    """Lists in a document, by the names that they have."""
+    if isinstance(value, list):
+        yield name, value
+    elif isinstance(value, dict) and depth < _MAX_DEPTH:
+        for key, inner in value.items():
+            yield from _lists(key, inner, depth + 1)
 
 
 def _with_header(content: bytes) -> bytes:
     """Rows of JSON objects, or of fields as `ax:0.1` or `ax=0.1`, as a table with tabs; anything else as it is."""
     mark = content[:_BEGIN_BYTES].lstrip()[:1]
-    text = content if mark != b"[" else _BETWEEN_OBJECTS.sub(b"}\n{", content.replace(b"\n", b" "))
+    text = _objects(content) if mark in (b"{", b"[") else content
     fields_of = _members if mark in (b"{", b"[") else _named_fields
     first = [line for line in text[: 16 * _BEGIN_BYTES].split(b"\n")[:_FEW_LINES] if line.strip()]
     if 2 * sum(len(fields_of(line)) >= _MIN_FIELDS for line in first) <= len(first):

@@ -13,11 +13,11 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.text import from_utf16
 from pdrbench.radio.surveys import survey_of_readings
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench_formats.recordings.delimited import DelimitedTable
 from pdrbench_formats.recordings.opaque import opaque_id
+from pdrbench_formats.recordings.texts import text_of
 from pdrbench_formats.taskfile.places import (
     CLOCKS,
     SENDER,
@@ -148,8 +148,11 @@ def is_survey_table(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        content = from_utf16(file.read(MAX_HEADER_BYTES))
-    names = table_names(content)
+        content = file.read(MAX_HEADER_BYTES)
+    try:
+        names = table_names(text_of(content, path).content)
+    except RecordingError:  # empty, or no text
+        return False
     has_places = bool(place_columns(names)) and (not names & set(CLOCKS) or bool(senders(names)))
     return bool(names & {SENDER, STRENGTH}) or has_places
 
