@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import sys
 import tempfile
 import time
@@ -58,7 +59,8 @@ def latency(live: Running, stroll: Stroll, page: Page) -> None:
     drawn = np.array(page.run("drawn"))
     waits_s = []
     for (end_s, sent_s), (before_s, _) in zip(sent[12:], sent[11:], strict=False):
-        due = [int((at_s - WAIT_S) / PERIOD_S) * PERIOD_S for at_s in (before_s, end_s)]
+        # the last row of a packet is earlier than its end, and what is due is earlier than that by more than the wait
+        due = [(math.ceil((at_s - WAIT_S) / PERIOD_S - 1e-6) - 1) * PERIOD_S for at_s in (before_s, end_s)]
         if due[1] > due[0]:
             shown = drawn[(drawn[:, 1] >= due[1] - 1e-6) & (drawn[:, 0] >= sent_s), 0]
             waits_s.append(shown.min() - sent_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import json
 import os
 import re
@@ -134,10 +135,9 @@ def odd_packets(stroll: Stroll, rng: np.random.Generator, num: int) -> Iterator[
             push["deviceId"] = odd[rng.integers(len(odd))] if rng.random() < 0.2 else "android"
             for _ in range(20):
                 sample = push["payload"][rng.integers(len(push["payload"]))]
-                key = rng.choice(["name", "time", "values", "x"])
-                (sample["values"] if key == "x" and isinstance(sample["values"], dict) else sample)[str(key)] = odd[
-                    rng.integers(len(odd))
-                ]
+                key = str(rng.choice(["name", "time", "values", "x"]))
+                changed = sample["values"] if key == "x" and isinstance(sample["values"], dict) else sample
+                changed[key] = copy.deepcopy(odd[rng.integers(len(odd))])
             yield json.dumps(push).encode()
 
 
