@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from pdrbench.datasets import cache_folder
-from pdrbench.errors import BundleError
+from pdrbench.errors import BundleError, UnknownNameError
 from pdrbench.evaluation.cluster import on_cluster
 from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
 from pdrbench.evaluation.store import make_folder, write_whole
@@ -72,6 +72,14 @@ class Entrant:
     def is_registered(self) -> bool:
         """Whether it is registered, so that it is code which was installed here on purpose."""
         return split_name(self.spec)[0] in localizers()
+
+    @property
+    def is_here(self) -> bool:
+        """False where it names a localizer that is not installed, such as an adapter of the laboratory."""
+        try:
+            return bool(self.sha256)
+        except UnknownNameError:
+            return False
 
     @property
     def sha256(self) -> str:
@@ -241,6 +249,10 @@ def run(
         board.name: [*sent, *(entrants(board.name, settings.root, others, card) if others or not sent else ())]
         for board in boards
     }
+    for name, all_of_it in wanted_on.items() if not named else ():
+        for one in [one for one in all_of_it if not one.is_here]:
+            all_of_it.remove(one)
+            yield Outcome(name, "every environment", "held-out", why=f"{one.card.name} is not installed here")
     settings.check([one for wanted in wanted_on.values() for one in wanted])
     _check_names(wanted_on, settings)
     secret = settings.secret_text

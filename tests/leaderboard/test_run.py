@@ -120,6 +120,21 @@ def test_what_is_done_is_skipped_and_what_lies_with_an_entry_is_played(
     assert _without_times(before) == _without_times((folder / record.ENTRY_FILE).read_bytes())
 
 
+def test_what_is_not_installed_here_is_left_out_with_a_line(
+    settings: Settings, mine: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As adapters of the laboratory are, where every entry is played in a clone of the product alone."""
+    list(run([TOY], [mine[0]], settings, card=mine[1]))
+    folder = settings.root / "toy" / "mine"
+    (folder / "localizer.py").unlink()
+    path = folder / record.ENTRY_FILE
+    path.write_text(path.read_text("utf-8").replace('"localizer.py:Mine"', '"of_elsewhere"'), "utf-8")
+    monkeypatch.setattr("pdrbench_leaderboard.run.DISTRIBUTION", "no other one")
+    first, *others = run([TOY], [], settings)
+    assert first.why == "mine is not installed here"
+    assert not any(of.played or of.why for of in others) and path.is_file()
+
+
 def _without_times(content: bytes) -> list[bytes]:
     return [line for line in content.splitlines() if b'"load"' not in line]
 
