@@ -200,8 +200,8 @@ def _main_level(recording: Recording) -> int:
 
 
 def replays(found: Table) -> list[Replay]:
-    """Public walks on which the first entry and those after it differ most; none where their truth is not here."""
-    rows = found.rows[:3]
+    """Public walks on which the first that played them and those after it differ most; none where truth is not here."""
+    rows = [row for row in found.rows if found.values(row.entry, part="public")][:3]
     candidates = []
     for listed in found.board.environments:
         walks = found.walks.get((listed.env, "public"))
