@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import Page, browse
+from conftest import Page, browse  # type: ignore[import-not-found]
 from PIL import Image
-from streaming import TOKEN, Running, Stroll, make_stroll, running
+from streaming import TOKEN, Running, Stroll, make_stroll, running  # type: ignore[import-not-found]
 
 from pdrbench.session import WAIT_S
 from pdrbench_formats.live.feeds import Push, decoded
@@ -36,7 +36,7 @@ def cost(setup: Setup, stroll: Stroll) -> None:
             phone.take(decoded(stroll.push(end_s), Push))
         phone.end()
         used_s = time.process_time() - began_s
-    print(f"{setup.localizer}: {used_s / stroll.walk.end_s:.1%} of a core, {phone.state}")
+    print(f"{setup.localizer}: {used_s / stroll.walk.end_s:.1%} of a core, {phone.state}")  # noqa: T201
 
 
 def latency(live: Running, stroll: Stroll, page: Page) -> None:
@@ -64,7 +64,7 @@ def latency(live: Running, stroll: Stroll, page: Page) -> None:
         if due[1] > due[0]:
             shown = drawn[(drawn[:, 1] >= due[1] - 1e-6) & (drawn[:, 0] >= sent_s), 0]
             waits_s.append(shown.min() - sent_s)
-    print(f"{len(waits_s)} pushes: median {np.median(waits_s):.3f} s, p95 {np.percentile(waits_s, 95):.3f} s")
+    print(f"{len(waits_s)} pushes: median {np.median(waits_s):.3f} s, p95 {np.percentile(waits_s, 95):.3f} s")  # noqa: T201
 
 
 def film(live: Running, stroll: Stroll, page: Page, path: Path) -> None:
@@ -80,13 +80,15 @@ def film(live: Running, stroll: Stroll, page: Page, path: Path) -> None:
             time_s: Any = live.server.phones["android"].trail[-1][4]
             page.wait(f"Number(document.getElementById('plan').dataset.time) >= {time_s} - 0.001")
             shot = page.call("Page.captureScreenshot")["data"]
-            pictures.append(Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB").quantize(24, dither=0))
+            pictures.append(
+                Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB").quantize(24, dither=Image.Dither.NONE)
+            )
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=500, loop=0, optimize=True)
-    print(f"{path}: {len(pictures)} pictures, {path.stat().st_size} bytes")
+    print(f"{path}: {len(pictures)} pictures, {path.stat().st_size} bytes")  # noqa: T201
 
 
 def main(what: str, localizer: str = "fusion", path: str = "live.gif") -> None:
-    """`PYTHONPATH=tests:tests/samples python tests/live/measure.py cost|latency|film [LOCALIZER [FILE]]`."""
+    """`PYTHONPATH=tests:tests/samples python -m pdrbench_lab.speed.live cost|latency|film [LOCALIZER [FILE]]`."""
     with tempfile.TemporaryDirectory() as folder:
         stroll = make_stroll(Path(folder), duration_s=40)
         setup = Setup(localizer, stroll.plan, start=stroll.start, out=Path(folder))
