@@ -9,21 +9,17 @@ import gc
 import os
 import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, ClassVar, Final, Literal
-
-import psutil  # type: ignore[import-untyped]
+from typing import IO, Any, ClassVar, Literal
 
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
+from pdrbench.process.child_main import end_with
 from pdrbench.registry import PluginError
 
-OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
 Finished = tuple[str, bytes | None]  # status, and the content of the result file, None where there is none
 
 
@@ -141,16 +137,10 @@ def settle(owner: int) -> None:
 
     A joblib worker whose owner was killed would wait for more work for minutes; ours ends.
     """
-    threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
+    end_with(owner)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.stdout.flush()
     os.dup2(2, 1)
-
-
-def _end_with(owner: int) -> None:
-    while os.getppid() == owner and psutil.pid_exists(owner):  # Windows does not change the former
-        time.sleep(OWNER_LOOK_S)
-    os._exit(1)
 
 
 @functools.cache

@@ -46,42 +46,6 @@ class Frame:
     debug: Mapping[str, NDArray[Any]]
 
 
-def trace(
-    localizer: str,
-    env: str,
-    walk: str,
-    seed: int = 0,
-    parameters: Mapping[str, Any] | None = None,
-    *,
-    nonce: str = "",
-    only: Container[int] | None = None,
-) -> Generator[Frame, None, None]:
-    """Plays a walk as `evaluate` does, in this process and without deadlines, and shows every observation.
-
-    Nothing is played before the first frame is asked for, and nothing is kept: stop early where that suffices. A
-    localizer is not asked to revise: frames hold what was answered at their time.
-
-    Args:
-        localizer: Registered id, `package.module:Class` or `path/to/file.py:Class`.
-        env: Environment id.
-        walk: Walk id.
-        seed: As `evaluate` numbers them: the same seed, the same answers.
-        parameters: Keyword arguments of the class.
-        nonce: As `evaluate` takes it.
-        only: Numbers of the observations to show, as in `range(0, 10_000, 5)`; None: all.
-
-    Raises:
-        UnsuitableError: The localizer declines the walk. Whatever else it raises comes through.
-    """
-    task = make_task(env)
-    recording = task.load(walk)
-    made = make_informed(localizer, parameters or {}, task.split_of(walk), recording)
-    rng = generator(seed, task, recording.id, nonce)
-    for frame, _ in _frames(made, Episode(recording, task), rng, only):
-        if only is None or frame.index in only:
-            yield frame
-
-
 def retrace(result: Result, *, strict: bool = True, only: Container[int] | None = None) -> Generator[Frame, None, None]:
     """Plays the walk of a stored result once more, with the localizer made anew from what the result says.
 
@@ -93,7 +57,7 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     Args:
         result: From `evaluate`, or read from a file.
         strict: False: where the answers differ, a warning says so once, and the walk goes on with those of now.
-        only: As for `trace`; all answers are compared.
+        only: Numbers of the observations to show, as in `range(0, 10_000, 5)`; None: all. All answers are compared.
 
     Raises:
         ResultError: There is nothing to retrace, the environment is another one, or the answers differ; the error says

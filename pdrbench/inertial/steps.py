@@ -7,29 +7,24 @@ import numpy as np
 from pdrbench.geometry import FloatArray
 
 GRAVITY_MPS2 = 9.81
+CUTOFF_HZ = 3.0  # L4; a person takes one to three steps a second
+THRESHOLD_MPS2 = 1.0  # smallest height of a peak above gravity; ours, as the next
+REFRACTORY_S = 0.3  # shortest time between two steps
 
 
 class PeakStepDetector:
     """A plain causal peak detector: low-pass the magnitude, take each maximum that is high and late enough.
 
-    The cut-off of 3 Hz is that of Li et al. 2012 (claim L4); a person takes one to three steps a second.
-
     Args:
         rate_hz: Nominal rate of the accelerometer.
-        cutoff_hz: Low-pass cut-off.
-        threshold_mps2: Smallest height of a peak above gravity.
-        refractory_s: Shortest time between two steps.
     """
 
-    def __init__(
-        self, rate_hz: float, *, cutoff_hz: float = 3.0, threshold_mps2: float = 1.0, refractory_s: float = 0.3
-    ) -> None:
+    def __init__(self, rate_hz: float) -> None:
         from scipy import signal  # takes half a second to import
 
-        self._sections = signal.butter(2, cutoff_hz, fs=rate_hz, output="sos")
+        self._sections = signal.butter(2, CUTOFF_HZ, fs=rate_hz, output="sos")
         self._filter = signal.sosfilt
         self._state: FloatArray = np.zeros((len(self._sections), 2))
-        self._threshold_mps2, self._refractory_s = threshold_mps2, refractory_s
         self._before, self._last = -np.inf, -np.inf
         self._last_t_s = 0.0
         self._step_t_s = -np.inf
@@ -49,8 +44,8 @@ class PeakStepDetector:
         smooth, self._state = self._filter(self._sections, excess, zi=self._state)
         steps = []
         for t_s, value in zip(accel[:, 0].tolist(), smooth.tolist(), strict=True):
-            is_peak = self._before < self._last >= value and self._last > self._threshold_mps2
-            if is_peak and self._last_t_s - self._step_t_s >= self._refractory_s:
+            is_peak = self._before < self._last >= value and self._last > THRESHOLD_MPS2
+            if is_peak and self._last_t_s - self._step_t_s >= REFRACTORY_S:
                 self._step_t_s = self._last_t_s
                 steps.append(self._last_t_s)
             self._before, self._last, self._last_t_s = self._last, value, t_s

@@ -8,7 +8,6 @@ from pdrbench.inertial.foot_filter import FOOT, LITERAL
 from pdrbench.inertial.navigate import navigate, navigate_smoothed
 from pdrbench.inertial.phone_attitude import PhoneAttitude
 from pdrbench.inertial.step_detection import find_steps
-from pdrbench.inertial.warping import warped_distances
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
 
 WARM_UPS = {"pdrbench.inertial": "pdrbench.inertial.warm:warm_up"}
@@ -28,4 +27,3 @@ def warm_up() -> None:
     length = 9.81 + 3.0 * np.sin(4 * np.pi * t_s)
     PhoneAttitude().update(np.column_stack([t_s, length, np.zeros((len(t_s), 2))]), np.zeros((len(t_s), 4)))
     find_steps(np.column_stack([t_s, length, np.zeros((len(t_s), 2))]), 50.0)
-    warped_distances([length[:25], length[:30]])

@@ -58,9 +58,8 @@ def mean_interval(
     *,
     weights: ArrayLike | None = None,
     scale: Scale = "any",
-    confidence: float = CONFIDENCE,
 ) -> tuple[FloatArray, FloatArray]:
-    """Confidence interval of the mean over walks, by the spread of whole units; no random numbers.
+    """95 % confidence interval of the mean over walks, by the spread of whole units; no random numbers.
 
     Standard error from the sums of residuals r_i = sum_j w_j (x_j - m) of units, corrected for the fraction h_i of
     the weight in unit i: se^2 = sum_i r_i^2 / (1 - h_i) / (sum w)^2, with Satterthwaite degrees of freedom (CR2; Bell &
@@ -73,7 +72,6 @@ def mean_interval(
         units: (W,) unit of each walk; None: each walk is one.
         weights: (W,) of the walks, such as their numbers of samples for a pooled mean; None: all equal.
         scale: What the values can be; a negative "size" and a "fraction" beyond 0 and 1 are treated as "any".
-        confidence: Nominal coverage.
 
     Returns:
         low, high: () or (M,); NaN below `MIN_UNITS` units.
@@ -86,13 +84,13 @@ def mean_interval(
     if found is None:
         return (np.full(array.shape[1:], math.nan),) * 2
     average, error, degrees = found
-    return _ends(average, error, student(degrees, confidence), _scale_of(array[weight > 0], scale))
+    return _ends(average, error, student(degrees), _scale_of(array[weight > 0], scale))
 
 
 def quantile_interval(
-    samples: Sequence[FloatArray], quantile: float, units: Units | None = None, *, confidence: float = CONFIDENCE
+    samples: Sequence[FloatArray], quantile: float, units: Units | None = None
 ) -> tuple[float, float]:
-    """Confidence interval of a quantile of pooled samples, by the spread of whole units; Woodruff 1952.
+    """95 % confidence interval of a quantile of pooled samples, by the spread of whole units; Woodruff 1952.
 
     The interval of the fraction of samples up to the estimate, as `mean_interval` has it, at the samples that it leads
     to; its standard error is at least that of as many independent samples. Infinite samples are allowed.
@@ -101,7 +99,6 @@ def quantile_interval(
         samples: (n,) of each walk; for a median over walks, one sample each.
         quantile: In (0, 1).
         units: (W,) unit of each walk; None: each walk is one.
-        confidence: Nominal coverage.
 
     Returns:
         low, high, two of the samples; NaN below `MIN_UNITS` units.
@@ -115,7 +112,7 @@ def quantile_interval(
         return math.nan, math.nan
     _, error, degrees = found
     error = np.maximum(error, math.sqrt(quantile * (1 - quantile) / len(pooled)))
-    low, high = _ends(np.asarray(quantile), error, student(degrees, confidence), "fraction")
+    low, high = _ends(np.asarray(quantile), error, student(degrees), "fraction")
     return float(pooled[_place(float(low), len(pooled))]), float(pooled[_place(float(high), len(pooled))])
 
 

@@ -36,7 +36,7 @@ READ_BYTES: Final = 1 << 15  # a larger buffer would be mapped anew for every ob
 
 def main(owner: int) -> None:
     """What a plain process runs: it ends with its owner."""
-    threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
+    end_with(owner)
     requests, replies = os.dup(0), os.dup(1)
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
@@ -45,11 +45,15 @@ def main(owner: int) -> None:
     serve(requests, replies, messages.Started(0, [], {}))
 
 
-def _end_with(owner: int) -> None:
+def end_with(owner: int) -> None:
     """Ends this process once the one that has started it is gone, also while a localizer computes."""
-    while os.getppid() == owner and psutil.pid_exists(owner):  # Windows does not change the former
-        time.sleep(OWNER_LOOK_S)
-    os._exit(1)
+
+    def look() -> None:
+        while os.getppid() == owner and psutil.pid_exists(owner):  # Windows does not change the former
+            time.sleep(OWNER_LOOK_S)
+        os._exit(1)
+
+    threading.Thread(target=look, daemon=True).start()
 
 
 def serve(requests: int, replies: int, started: messages.Started) -> None:

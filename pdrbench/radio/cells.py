@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.building import WALL, Building, FloorRegion
+from pdrbench.building.connectivity import labels_of
 from pdrbench.building.polygons import shapely_polygons, triangulated
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, IntArray, read_only
@@ -120,9 +121,6 @@ def _divide(building: Building, max_edge_m: float) -> Cells:
 
 def _rooms(building: Building) -> IntArray:
     """(P,) number of the room of each polygon."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     joined = np.flatnonzero(building.edge_neighbour != WALL)
     one, other = building.edge_polygon[joined], building.edge_neighbour[joined]
     polygons = np.arange(len(building.polygons))
@@ -134,17 +132,14 @@ def _rooms(building: Building) -> IntArray:
     flight = is_flight[one] & (kind[one] == kind[other])
     rows = is_floor[one] & is_floor[other] & (height_m[one] != height_m[other])
     keep = same_level & (flight | rows)
-    pairs = [np.stack([one[keep], other[keep]])]
+    pairs = [np.column_stack([one[keep], other[keep]])]
     # A sill joins the largest floor that it leads to.
     sill = is_floor & (area_m2 < DOORWAY_M2)
     near = np.flatnonzero(sill[one] & is_floor[other] & same_level)
     near = near[np.lexsort([area_m2[other[near]], one[near]])]
     last = near[np.flatnonzero(np.diff(one[near], append=-1))]
-    pairs.append(np.stack([one[last], other[last]]))
-    ends = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(ends.shape[1], dtype=np.int8), (ends[0], ends[1])), shape=(len(level), len(level)))
-    _, room = connected_components(graph, directed=False)
-    return room.astype(np.int64)
+    pairs.append(np.column_stack([one[last], other[last]]))
+    return labels_of(len(level), np.concatenate(pairs))
 
 
 def _cut(piece: _Piece, max_edge_m: float) -> list[_Piece]:

@@ -11,7 +11,6 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import evaluate, retrace
-from pdrbench.evaluation.trace import trace
 from pdrbench.result import Result
 
 TOY = """
@@ -113,20 +112,6 @@ def test_only_the_requested_frames_are_shown_and_all_are_compared(toy: Path) -> 
     spoilt = dataclasses.replace(result, estimates=dataclasses.replace(result.estimates, xy_m=xy_m))
     with pytest.raises(ResultError, match=r"from 2 s on"):
         list(retrace(spoilt, only=(9,)))
-
-
-def test_a_trace_without_a_result_answers_as_evaluate_does(toy: Path) -> None:
-    result = play(toy, "Toy", spread_m=2.0)
-    frames = list(trace(f"{toy}:Toy", "Corridor-v0", result.walk, seed=1, parameters={"spread_m": 2.0}))
-    traced = [frame.estimate.xy_m.tolist() for frame in frames if frame.estimate is not None]
-    np.testing.assert_allclose(traced, result.estimates.xy_m, rtol=0, atol=0.5001e-4)
-
-
-def test_no_observation_is_played_beyond_the_last_requested_frame(toy: Path) -> None:
-    frames = trace(f"{toy}:Crashing", "Corridor-v0", "val-0")
-    assert [next(frames).index for _ in range(5)] == [0, 1, 2, 3, 4]
-    with pytest.raises(ValueError, match="no sixth step"):
-        next(frames)
 
 
 def test_a_walk_that_failed_ends_where_it_failed(toy: Path) -> None:

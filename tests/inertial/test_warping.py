@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
-
-
-@pytest.mark.parametrize("band", [None, 0, 3])
-def test_all_distances_are_single_ones(rng, band):
-    waves = [rng.normal(size=size) for size in [*rng.integers(1, 9, 21), 30]]
-    found = warped_distances(waves, band)
-    each = [[warped_distance(one, other, band) for other in waves] for one in waves]
-    np.testing.assert_allclose(found, each, rtol=1e-12)
-    np.testing.assert_array_equal(found, found.T)
-    np.testing.assert_array_equal(np.diag(found), 0.0)
+from pdrbench.inertial.warping import warped_distance, z_scored
 
 
 def test_a_band_of_nothing_is_the_euclidean_distance_and_a_wider_one_is_never_farther(rng):
@@ -44,10 +34,3 @@ def test_z_scores_forget_size_and_height_and_leave_flat_waves_flat(rng):
 def test_values_that_are_no_wave_are_refused(one, other, band):
     with pytest.raises(PdrbenchError, match="band of 0 or more"):
         warped_distance(np.array(one), np.array(other), band)
-    with pytest.raises(PdrbenchError, match="band of 0 or more"):
-        warped_distances([np.array(one), np.array(other)], band)
-
-
-def test_no_waves_are_refused():
-    with pytest.raises(PdrbenchError):
-        warped_distances([])

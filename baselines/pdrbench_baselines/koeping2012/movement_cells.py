@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pdrbench.building import Building
+from pdrbench.building.connectivity import labels_of
 from pdrbench.building.polygons import shapely_polygons
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
@@ -69,7 +68,7 @@ def cut_floor(building: Building, cell_m: float) -> GridCells:
     gates = _gates(building, pieces)
     square = _number(pieces.square)
     inside = square[gates.pair[:, 0]] == square[gates.pair[:, 1]]
-    cell = _labels(len(pieces), gates.pair[inside])
+    cell = labels_of(len(pieces), gates.pair[inside])
     xy_m, polygon = _points(pieces, cell, cell_m)
     area_m2 = np.asarray(np.bincount(cell, weights=pieces.area_m2), dtype=np.float64)
     square_of_cell = np.empty((len(polygon), 2), dtype=np.int64)
@@ -133,12 +132,6 @@ def _number(square: IntArray) -> IntArray:
     """(N,) one number for each (N, 2) square."""
     numbers: IntArray = square[:, 0] * (int(square[:, 1].max()) + 1) + square[:, 1]
     return numbers
-
-
-def _labels(count: int, pair: IntArray) -> IntArray:
-    """(count,) number of the part that each of `count` nodes belongs to, joined by (K, 2) pairs."""
-    graph = coo_array((np.ones(len(pair), dtype=np.int8), (pair[:, 0], pair[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _gates(building: Building, pieces: _Pieces) -> _Passages:
@@ -220,7 +213,7 @@ def _straight(building: Building, xy_m: FloatArray, polygon: IntArray, square: I
 
 def _around_bends(pieces: _Pieces, gates: _Passages, cell: IntArray, pair: IntArray) -> _Passages:
     """Pairs of cells that touch although no straight ways lead from one to the other."""
-    part = _labels(int(cell.max()) + 1, pair)[cell]
+    part = labels_of(int(cell.max()) + 1, pair)[cell]
     borders = _borders(pieces, part)
     touching = np.concatenate([gates.pair, borders.pair])
     middle_m = np.concatenate([gates.middle_m, borders.middle_m])

@@ -9,14 +9,14 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import NOWHERE
-from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
+from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio.cells import divide
@@ -25,18 +25,16 @@ from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition
 from pdrbench_baselines.woodman2008.clusters import cluster
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 from pdrbench_baselines.woodman2008.drift import DriftParams, TurnDrift
-from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
-FILTERS: Final[dict[str, type[WoodmanFilter] | type[LiteralFilter]]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
 GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to find where most of it is
 KEPT_PARTICLES: Final = 2000  # of a cloud, to draw lines through; a converged one has fewer
 MAX_STORED: Final = 2**21  # particles of all clouds
 KEPT_M: Final = 0.1  # how far apart those kept are, about: what a line may miss a particle by
 KEPT_RAD: Final = math.radians(2.0)
-MANY_PARTICLES: Final = 50_000  # the fast filter has kernels of its own for them
+MANY_PARTICLES: Final = 50_000  # the filter has kernels of its own for them
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +43,6 @@ class Woodman2008Params:
 
     Attributes:
         filter: Noise, bins and numbers of particles.
-        mode: "fast": systematic draw, batches, float32; "literal": Algorithm 1 particle by particle, float64.
         use_height: False: heights of strides weigh nothing (W17).
         use_wifi: False: the first scan is ignored, the prior is the whole floor.
         wifi_threshold_dbm: A stronger access point would have been sighted by the survey of the walker's cell.
@@ -65,7 +62,6 @@ class Woodman2008Params:
     """
 
     filter: WoodmanFilterParams = field(default_factory=WoodmanFilterParams)
-    mode: Literal["fast", "literal"] = "fast"  # ours: they agree in distribution (W9)
     use_height: bool = True
     use_wifi: bool = True
     wifi_threshold_dbm: float = -75.0
@@ -84,16 +80,10 @@ class Woodman2008Params:
     revises: bool = True
 
     def __post_init__(self) -> None:
-        if self.mode not in FILTERS:
-            raise unknown_name("mode", self.mode, FILTERS)
         lengths = ("cell_edge_m", "cluster_eps_m", "most_sigma_m", "start_radius_m", "restart_radius_m")
         for name in lengths:
             if not getattr(self, name) > 0:
                 raise PdrbenchError(f"woodman2008: {name} must be positive; got {getattr(self, name)!r}")
-        if self.learns_drift and self.mode != "fast":
-            raise PdrbenchError(
-                "woodman2008: only the fast filter changes its settings; leave learns_drift out, or mode"
-            )
 
     def of_filter(self, *, searching: bool = False) -> WoodmanFilterParams:
         """What the filter is set to, heights switched off where they are not used."""
@@ -188,7 +178,7 @@ class Woodman2008:
         }
 
     def _filter_type(self) -> Callable[..., Any]:
-        return FILTERS[self._params.mode]
+        return WoodmanFilter
 
     def _stride(self, length_m: float, height_m: float, turn_rad: float) -> None:
         self._update(length_m, height_m, turn_rad)

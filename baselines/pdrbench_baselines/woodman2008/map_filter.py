@@ -32,10 +32,9 @@ FULL_TURN_RAD: Final = 2 * math.pi
 class WoodmanFilter:
     """Tracks a walker through a building by strides: resample, propagate, correct (eq. 3-16; claims W4 to W10).
 
-    The same algorithm as `LiteralFilter` with two differences that keep the distribution: the draw is systematic
-    instead of multinomial, and KLD sampling looks at its bins after batches instead of after every particle.
-    Coordinates are float32 relative to the middle of the building. Same generator, same bytes, whatever the number of
-    threads.
+    Algorithm 1 with two differences that keep the distribution (W9): the draw is systematic instead of multinomial, and
+    KLD sampling looks at its bins after batches instead of after every particle. Coordinates are float32 relative to
+    the middle of the building. Same generator, same bytes, whatever the number of threads.
 
     Args:
         building: The map; compiled once per building.

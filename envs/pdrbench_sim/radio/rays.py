@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.building import WALL, Building
+from pdrbench.building.connectivity import labels_of
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
 from pdrbench.radio.cells import DOORWAY_M2
 from pdrbench_sim.radio.ray_kernels import count_walls, find_crossings, lines_by_sector
@@ -136,9 +137,6 @@ def _doors(building: Building, leaf: BoolArray) -> IntArray:
 
     Doors are numbered level by level.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     edge = np.flatnonzero(leaf)
     one, other = building.edge_polygon[edge], building.edge_neighbour[edge]
     area_m2 = np.array([polygon.area_m2 for polygon in building.polygons])
@@ -147,10 +145,7 @@ def _doors(building: Building, leaf: BoolArray) -> IntArray:
     ways = np.concatenate([np.arange(len(edge))] * 2) + num_polygons
     sides = np.concatenate([one, other])
     is_sill = area_m2[sides] < DOORWAY_M2
-    links = ways[is_sill], sides[is_sill]
-    size = num_polygons + len(edge)
-    graph = coo_array((np.ones(len(links[0]), dtype=np.int8), links), shape=(size, size))
-    _, part = connected_components(graph, directed=False)
+    part = labels_of(num_polygons + len(edge), np.column_stack([ways[is_sill], sides[is_sill]]))
     _, first, door = np.unique(part[num_polygons:], return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.lexsort([first, building.level(one[first])])] = np.arange(len(first))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.errors import PdrbenchError, UnknownNameError
+from pdrbench.errors import PdrbenchError
 from pdrbench.filters import FilterError
 from pdrbench.geometry import wrap_rad
 from pdrbench.localizer import Briefing, Observation
@@ -83,9 +83,8 @@ def at(x_m: float, y_m: float, heading_rad: float | None = 0.0, radius_m: float 
     return Start(np.array([x_m, y_m]), 0, heading_rad, radius_m)
 
 
-@pytest.mark.parametrize("mode", ["fast", "literal"])
-def test_tracks_a_given_start_through_a_door(corridor: Building, rng: np.random.Generator, mode: str) -> None:
-    localizer = begun(corridor, rng, at(1.0, 1.0), mode=mode)
+def test_tracks_a_given_start_through_a_door(corridor: Building, rng: np.random.Generator) -> None:
+    localizer = begun(corridor, rng, at(1.0, 1.0))
     xy_m = np.array([1.0, 1.0])
     for turn_rad, length_m in [(0.0, 1.4)] * 21 + [(math.pi / 2, 1.2), (0.0, 1.2), (0.0, 1.2)]:
         estimate = localizer.step(stride(length_m, turn_rad))
@@ -211,17 +210,13 @@ def test_survives_any_walk(corridor: Building, rng: np.random.Generator) -> None
 
 
 def test_settings_that_cannot_be_are_refused(corridor: Building, rng: np.random.Generator) -> None:
-    localizer = make_localizer("woodman2008?mode=literal&filter.max_particles=1000&cluster_eps_m=1.0")
+    localizer = make_localizer("woodman2008?filter.max_particles=1000&cluster_eps_m=1.0")
     localizer.reset(brief(corridor, "stride"), rng)
     assert localizer.debug()["num_particles"] == 1000  # type: ignore[attr-defined]
-    with pytest.raises(UnknownNameError, match="no mode named 'slow'"):
-        Woodman2008Params(mode="slow")  # type: ignore[arg-type]
     with pytest.raises(FilterError, match="kld_delta"):
         WoodmanFilterParams(kld_delta=2.0)
     with pytest.raises(PdrbenchError, match="cluster_eps_m must be positive"):
         Woodman2008Params(cluster_eps_m=0.0)
-    with pytest.raises(PdrbenchError, match="only the fast filter"):
-        Woodman2008Params(mode="literal", learns_drift=True)
 
 
 def test_learns_the_drift_of_a_walk(corridor: Building) -> None:

@@ -1,4 +1,4 @@
-"""The fast filter: priors, strides, generations, against the literal one and against itself; in part both of them."""
+"""Priors, strides and generations of the filter; tests of the laboratory have it against the literal one."""
 
 from __future__ import annotations
 
@@ -16,15 +16,11 @@ from pdrbench.building.convex import compile_map
 from pdrbench.filters import FilterError
 from pdrbench.filters.kld import kld_bound, normal_quantile
 from pdrbench.filters.map_walk import TILE, new_scratch, walk_tile
-from pdrbench.geometry import FloatArray
 from pdrbench_baselines.woodman2008.generation import Tile, _walk_by_cell
-from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.map_filter import FULL_TURN_RAD, WoodmanFilter, motion_of
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 
 W = -1
-Kind = type[WoodmanFilter | LiteralFilter]
-both = pytest.mark.parametrize("kind", [WoodmanFilter, LiteralFilter])
 
 
 def square(side_m: float = 40.0) -> Building:
@@ -91,9 +87,8 @@ def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator
     assert cloud.heading_rad.mean() == pytest.approx(0.75, abs=1e-3)
 
 
-@both
-def test_backward_and_zero_strides_are_walked_as_they_are(kind: Kind, rng: np.random.Generator) -> None:
-    particles = kind(square(), rng, WoodmanFilterParams(min_particles=5000))
+def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generator) -> None:
+    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(min_particles=5000))
     particles.start(patch(20, 20), HeadingPrior(0.0, 1e-9))
     particles.update(-1.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.1)
@@ -101,9 +96,8 @@ def test_backward_and_zero_strides_are_walked_as_they_are(kind: Kind, rng: np.ra
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.15)
 
 
-@both
-def test_clipped_lengths_never_step_back(kind: Kind, rng: np.random.Generator) -> None:
-    particles = kind(square(), rng, WoodmanFilterParams(clip_length=True, heading_sigma_rad=0.0))
+def test_clipped_lengths_never_step_back(rng: np.random.Generator) -> None:
+    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(clip_length=True, heading_sigma_rad=0.0))
     particles.start(patch(20, 20, 1e-3), HeadingPrior(0.0, 1e-9))
     particles.update(0.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].min() >= 20 - 1e-4
@@ -148,9 +142,8 @@ def test_an_unexplained_height_kills_no_particle(rng: np.random.Generator) -> No
     particles.update(0.5, 0.0, 0.0)
 
 
-@both
-def test_the_depletion_of_all_particles_is_reported(kind: Kind, rng: np.random.Generator) -> None:
-    particles = kind(square(10.0), rng)
+def test_the_depletion_of_all_particles_is_reported(rng: np.random.Generator) -> None:
+    particles = WoodmanFilter(square(10.0), rng)
     particles.start(patch(4, 4), HeadingPrior(0.0, 0.1))
     particles.update(30.0, 0.0, 0.0)
     assert particles.is_depleted
@@ -160,10 +153,9 @@ def test_the_depletion_of_all_particles_is_reported(kind: Kind, rng: np.random.G
     assert not particles.is_depleted
 
 
-@both
 @pytest.mark.parametrize("stride", [(np.nan, 0, 0), (1, np.inf, 0), (1, 0, -np.inf)])
-def test_strides_that_are_not_finite(kind: Kind, rng: np.random.Generator, stride: tuple[float, float, float]) -> None:
-    particles = kind(square(), rng)
+def test_strides_that_are_not_finite(rng: np.random.Generator, stride: tuple[float, float, float]) -> None:
+    particles = WoodmanFilter(square(), rng)
     particles.start(patch(20, 20))
     with pytest.raises(FilterError, match="finite"):
         particles.update(*stride)
@@ -176,9 +168,8 @@ def test_a_region_without_floor(rng: np.random.Generator) -> None:
         WoodmanFilter(square(), rng).start(patch(100, 100))
 
 
-@both
-def test_a_cap_on_particles(kind: Kind, rng: np.random.Generator) -> None:
-    particles = kind(square(), rng, WoodmanFilterParams(max_particles=5000))
+def test_a_cap_on_particles(rng: np.random.Generator) -> None:
+    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(max_particles=5000))
     particles.start(FloorRegion.whole(square()))
     assert particles.num_particles == 5000
     particles.update(1.0, 0.0, 0.0)
@@ -208,34 +199,6 @@ def test_memory(rng: np.random.Generator) -> None:
     particles.start(FloorRegion.whole(square(80.0)))
     particles.update(0.5, 0.0, 0.0)
     assert particles.nbytes / particles.num_particles <= 41
-
-
-def posterior(kind: type, office: Building, seed: int) -> FloatArray:
-    particles = kind(office, np.random.default_rng(seed))
-    particles.start(corridor_start(office), HeadingPrior(0.0, 0.3))
-    for _ in range(3):
-        particles.update(1.1, 0.0, 0.02)
-    cloud = particles.cloud()
-    weight = cloud.weight / cloud.weight.sum()
-    mean = weight @ cloud.xy_m
-    spread = weight @ (cloud.xy_m - mean) ** 2
-    alive = (cloud.weight > 0).mean()
-    return np.array([*mean, *spread, alive, weight @ cloud.heading_rad, particles.num_particles])
-
-
-def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> None:
-    """Posterior means over 300 runs each agree to within four standard errors; the systematic draw spreads no more.
-
-    The number of particles may differ by some per cent: systematic resampling keeps more distinct ancestors,
-    which fills a few more bins.
-    """
-    fast = np.array([posterior(WoodmanFilter, office, seed) for seed in range(300)])
-    literal = np.array([posterior(LiteralFilter, office, seed) for seed in range(1000, 1300)])
-    error = np.sqrt((fast.var(axis=0) + literal.var(axis=0)) / 300)
-    apart = np.abs(fast.mean(axis=0) - literal.mean(axis=0)) / error
-    assert apart[:6].max() < 4
-    assert (fast.std(axis=0) < 1.15 * literal.std(axis=0)).all()
-    assert fast[:, 6].mean() == pytest.approx(literal[:, 6].mean(), rel=0.08)
 
 
 _HASH = """

@@ -10,19 +10,19 @@ import pytest
 from numba import config
 
 from pdrbench.building import Building, FloorRegion
-from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.errors import UnsuitableError
 from pdrbench.filters import FilterError
 from pdrbench.filters.warm import two_rooms
 from pdrbench.geometry import FloatArray
 from pdrbench.gym.checking import by_episode
 from pdrbench.localizer import Briefing
 from pdrbench.registry import make_task
-from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params
+from pdrbench_baselines.woodman2008.localizer import Woodman2008
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_lab.papers.woodman2008 import gpu_localizer
 from pdrbench_lab.papers.woodman2008.gpu_localizer import Woodman2008Gpu, why_no_gpu
+from pdrbench_lab.papers.woodman2008.literal import LiteralFilter
 
 if TYPE_CHECKING:
     from pdrbench_lab.papers.woodman2008.gpu_filter import GpuFilters
@@ -121,8 +121,6 @@ def test_without_a_gpu_it_declines(monkeypatch: pytest.MonkeyPatch, stairs: Buil
     monkeypatch.setattr(gpu_localizer, "why_no_gpu", lambda: "no GPU: buy one")
     with pytest.raises(UnsuitableError, match="buy one"):
         Woodman2008Gpu().reset(Briefing(stairs, {}, 0.2), np.random.default_rng(0))
-    with pytest.raises(PdrbenchError, match="use woodman2008"):
-        Woodman2008Gpu(Woodman2008Params(mode="literal"))
 
 
 @needs_gpu

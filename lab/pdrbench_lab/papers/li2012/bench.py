@@ -15,12 +15,13 @@ from scipy.signal import firwin
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GRAVITY_MPS2, RATE_HZ, Stage, StepDetector, StepParams, find_steps
-from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
+from pdrbench.inertial.warping import warped_distance, z_scored
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer
 from pdrbench.trajectory import Start
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter
+from pdrbench_lab.papers.li2012.warping import warped_distances
 from pdrbench_lab.speed.timing import Timing, median_s
 
 OTHER: Final = "dtaidistance"  # a library whose C code is known to be fast

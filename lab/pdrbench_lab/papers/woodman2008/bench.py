@@ -17,12 +17,11 @@ from pdrbench.building.building import snapped_edges
 from pdrbench.building.kernels import walk_segment
 from pdrbench.compiled import compiled, in_threads
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.localizer import FILTERS
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.warm import warm_up
 from pdrbench_lab.papers.woodman2008.gpu_localizer import why_no_gpu
+from pdrbench_lab.papers.woodman2008.literal import FILTERS, LiteralFilter
 from pdrbench_lab.speed.timing import Prepared, Timing, median_s
 
 PARTICLES: Final = 4_530_000  # W11: the uniform prior of the paper

@@ -21,13 +21,13 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
-from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.localizer import FILTERS, WOODMAN2008, Woodman2008
+from pdrbench_baselines.woodman2008.localizer import WOODMAN2008, Woodman2008
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
 from pdrbench_lab.papers.settings import merged
+from pdrbench_lab.papers.woodman2008.literal import FILTERS, LiteralFilter
 
 if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import PropagationParams
@@ -112,6 +112,7 @@ def run(
     rng: np.random.Generator,
     *,
     until_converged: bool = False,
+    make: type[Woodman2008] = Woodman2008,
     **options: Any,
 ) -> Run:
     """Runs the localizer over the strides of a walk, without observations that change no estimate.
@@ -121,10 +122,11 @@ def run(
         briefing: What is given.
         rng: Of the localizer.
         until_converged: Stop at the first convergence.
-        options: Parameters of the localizer; `FILTER` is the paper's filter.
+        make: The localizer.
+        options: Its parameters; `FILTER` is the paper's filter.
     """
     settings = {"debug_particles": 1, "filter": FILTER, "revises": False, **options}
-    localizer = Woodman2008(merged(WOODMAN2008, settings, "woodman2008"))
+    localizer = make(merged(WOODMAN2008, settings, "woodman2008"))
     localizer.reset(briefing, rng)
     nothing = {name: np.zeros((0, len(spec.columns))) for name, spec in briefing.sensors.items()}
     if "wifi" in briefing.sensors:

@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.errors import UnsuitableError
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.woodman2008.localizer import WOODMAN2008, Woodman2008, Woodman2008Params
+from pdrbench_baselines.woodman2008.localizer import Woodman2008
 
 REMEDY: Final = (
     "install pdrbench-lab[gpu] where there is an NVIDIA GPU, and run without --confined, since a confined process sees "
@@ -34,13 +34,8 @@ class Woodman2008Gpu(Woodman2008):
     where they are many. Declines every walk where no CUDA device is found.
 
     Args:
-        params: See `Woodman2008Params`; `mode` is "fast".
+        params: See `Woodman2008Params`.
     """
-
-    def __init__(self, params: Woodman2008Params = WOODMAN2008) -> None:
-        super().__init__(params)
-        if self._params.mode != "fast":
-            raise PdrbenchError(f"mode {self._params.mode!r} runs on a processor: use woodman2008 with it")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if reason := why_no_gpu():

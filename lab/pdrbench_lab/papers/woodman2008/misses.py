@@ -13,13 +13,14 @@ from pdrbench.sensors.stride import STRIDE
 from pdrbench.trajectory import Start
 from pdrbench_lab.papers.paper_walks import walk_of
 from pdrbench_lab.papers.woodman2008.experiments import FILTER, LOST, converge, run, starts_of
+from pdrbench_lab.papers.woodman2008.literal import Woodman2008Literal
 
 COUNTED: Final[dict[str, dict[str, Any]]] = {  # by which the particles of a tracked walker are counted (W15)
     "paper": {"filter": FILTER},
     "delta_001": {"filter": {"kld_delta": 0.01}},
     "delta_01": {"filter": {"kld_delta": 0.1}},
     "live": {"filter": {**FILTER, "live_only": True}},
-    "literal": {"filter": {**FILTER, "max_particles": 20_000}, "mode": "literal"},
+    "literal": {"filter": {**FILTER, "max_particles": 20_000}, "make": Woodman2008Literal},
 }
 RADIO: Final = tuple(  # m2 of an access point, dBm that half of the scans notice (W14)
     (area_m2, detection_dbm) for area_m2 in (70, 110, 190) for detection_dbm in (-88, -82, -76)

@@ -6,6 +6,7 @@ The reference for the fast filter, and slow: some millions of particles a second
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +18,15 @@ from pdrbench.compiled import compiled
 from pdrbench.filters import FilterError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Prior, enough
-from pdrbench_baselines.woodman2008.map_filter import bound_of, lay_out, motion_of, no_live_particle, prior_of
+from pdrbench_baselines.woodman2008.localizer import Woodman2008
+from pdrbench_baselines.woodman2008.map_filter import (
+    WoodmanFilter,
+    bound_of,
+    lay_out,
+    motion_of,
+    no_live_particle,
+    prior_of,
+)
 from pdrbench_baselines.woodman2008.params import HeadingPrior, ParticleCloud, WoodmanFilterParams
 
 if TYPE_CHECKING:
@@ -128,6 +137,19 @@ class LiteralFilter:
         if self._generation == np.iinfo(np.uint8).max:
             self._world.stamp[:], self._generation = 0, 0
         self._generation += 1
+
+
+FILTERS: Final[Mapping[str, type[WoodmanFilter] | type[LiteralFilter]]] = {
+    "fast": WoodmanFilter,
+    "literal": LiteralFilter,
+}
+
+
+class Woodman2008Literal(Woodman2008):
+    """`woodman2008` with its particles in a `LiteralFilter`, which does not learn a drift."""
+
+    def _filter_type(self) -> Callable[..., Any]:
+        return LiteralFilter
 
 
 @compiled
