@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Final
 
@@ -24,7 +23,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import start_place
-from pdrbench_envs.malls.splits import Walk, is_new, splits, walks
+from pdrbench_envs.malls.splits import TEST, Walk, survey_of, walks
 from pdrbench_envs.malls.surveys import DATASET, checked, files, log_of, scans_of
 from pdrbench_envs.recorded import opaque_id
 from pdrbench_sim.readers import ilc20_map
@@ -72,21 +71,6 @@ known before. `test` has 115 walks of 20 outings.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Played:
-    """One walk under its id.
-
-    Attributes:
-        walk: Its facts.
-        survey: What it is surveyed as: "val", "test" or the number of its fold.
-        unit: Name of its outing.
-    """
-
-    walk: Walk
-    survey: str | int
-    unit: str
-
-
 def task() -> Task:
     """Known start: first waypoint and level, heading unknown; every floor."""
     return _make_task(
@@ -110,9 +94,9 @@ def task_lost() -> Task:
 def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> Task:
     at_hand = walks_at_hand()
     offered = {
-        walk: played
-        for walk, played in played_walks().items()
-        if played.walk.path in at_hand and (not is_lost or _is_surveyed(played, at_hand))
+        name: walk
+        for name, walk in played_walks().items()
+        if walk.path in at_hand and (not is_lost or _is_surveyed(walk, at_hand))
     }
     is_whole = len(at_hand) == len(walks())
     registered = datasets()[DATASET]
@@ -124,7 +108,7 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         capacity=dict.fromkeys(SENSORS, SAMPLED_CAPACITY) | {"wifi": WIFI_CAPACITY, "ble": BLE_CAPACITY},
         period_s=PERIOD_S,
         start="unknown" if is_lost else "pose",
-        walks={split: tuple(w for w, p in offered.items() if split_of(p) == split) for split in SPLITS[:3]},
+        walks={split: tuple(name for name, of in offered.items() if of.split == split) for split in SPLITS[:3]},
         load=functools.partial(_load, after_first_scan if is_lost else after_start),
         tell_start=start_place,
         radio_map=functools.partial(_radio_map, at_hand),
@@ -133,11 +117,11 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         dataset=DATASET,
         note="" if is_whole else _note(len(at_hand)),
         files_sha256=functools.partial(_files_sha256, frozenset() if is_whole else at_hand),
-        units={walk: played.unit for walk, played in offered.items()},
+        units={name: _unit_of(walk) for name, walk in offered.items()},
         unit_kind="outing",
         noise_m=0.3,  # places tapped on a plan
-        groups={walk: (played.walk.group,) for walk, played in offered.items() if played.survey == "test"},
-        folds={walk: played.survey for walk, played in offered.items() if isinstance(played.survey, int)},
+        groups={name: (walk.group,) for name, walk in offered.items() if walk.split == TEST},
+        folds={name: walk.part for name, walk in offered.items() if isinstance(walk.part, int)},
     )
 
 
@@ -163,58 +147,46 @@ def walks_at_hand() -> frozenset[str]:
 
 
 @functools.cache
-def played_walks() -> Mapping[str, Played]:
+def played_walks() -> Mapping[str, Walk]:
     """Every walk by id, in the order of play.
 
-    Walks that localizers were developed on are left out of the test split, see `splits.is_new`.
+    Walks that localizers were developed on are left out of the test split, see `Walk.is_new`.
     """
-    made = splits()
-    surveyed_as = {"val": made.val, "test": made.test} | dict(enumerate(made.train))
-    found: dict[str, Played] = {}
-    for survey, outings in surveyed_as.items():
-        for outing in outings:
-            first = outing[0].name
-            unit = f"test-{opaque_id(first, _ID_KEY)}" if survey == "test" else first
-            for walk in (walk for session in outing for walk in session.walks):
-                if survey != "test" or is_new(walk):
-                    opaque = opaque_id(walk.path, _ID_KEY)
-                    name = f"test-{opaque}" if survey == "test" else f"{walk.site}-{walk.floor}-{opaque}"
-                    found[name] = Played(walk, survey, unit)
+    found: dict[str, Walk] = {}
+    for walk in walks():
+        if walk.split != TEST or walk.is_new:
+            opaque = opaque_id(walk.path, _ID_KEY)
+            found[f"test-{opaque}" if walk.split == TEST else f"{walk.site}-{walk.floor}-{opaque}"] = walk
     return dict(sorted(found.items(), key=lambda item: item[0][-8:]))
 
 
-def split_of(played: Played) -> str:
-    """The split of a walk."""
-    return played.survey if isinstance(played.survey, str) else "train"
+def _unit_of(walk: Walk) -> str:
+    """Name of its outing."""
+    return f"test-{opaque_id(walk.outing, _ID_KEY)}" if walk.split == TEST else walk.outing
 
 
-def _is_surveyed(played: Played, at_hand: frozenset[str]) -> bool:
+def _is_surveyed(walk: Walk, at_hand: frozenset[str]) -> bool:
     """True where the floor of a walk has a survey, and the walk can be scored without a start."""
-    folder = f"{played.walk.site}/{played.walk.floor}/"
-    return played.walk.path != ENDS_BEFORE_A_SCAN and any(
-        path.startswith(folder) and path in at_hand for path in _survey_paths(played.survey)
+    surveyed = (other for other in survey_of(walk.part) if other.path in at_hand)
+    return walk.path != ENDS_BEFORE_A_SCAN and any(
+        (other.site, other.floor) == (walk.site, walk.floor) for other in surveyed
     )
 
 
-@functools.cache
-def _survey_paths(survey: str | int) -> tuple[str, ...]:
-    return tuple(walk.path for walk in splits().survey(survey))
-
-
-def played_walk(walk: str) -> Played:
+def played_walk(name: str) -> Walk:
     """A walk by its id."""
-    if walk not in played_walks():
-        raise unknown_name("walk of the malls", walk, played_walks())
-    return played_walks()[walk]
+    if name not in played_walks():
+        raise unknown_name("walk of the malls", name, played_walks())
+    return played_walks()[name]
 
 
 def _load(scored: Callable[[Log], BoolArray], walk: str) -> Recording:
     played = played_walk(walk)
-    log = log_of(played.walk.path)
+    log = log_of(played.path)
     way = log.reference
     return log.recording(
         walk,
-        building(played.walk.site),
+        building(played.site),
         sensor_spec,
         reference=Trajectory(t_s=way.t_s, xy_m=way.xy_m, level=way.level, surveyed=scored(log)),
         mounting=MOUNTING,
@@ -245,14 +217,14 @@ def building(site: str) -> Building:
 
 
 def _radio_map(at_hand: frozenset[str], recording: Recording) -> RadioMap:
-    """The survey of the mall that the walk is given; see `Splits.survey`."""
-    played = played_walk(recording.id)
-    return _survey(played.walk.site, played.survey, at_hand)
+    """The survey of the mall that the walk is given; see `splits.survey_of`."""
+    walk = played_walk(recording.id)
+    return _survey(walk.site, walk.part, at_hand)
 
 
 @functools.lru_cache(maxsize=6)  # of some 30 MB each
-def _survey(site: str, survey: str | int, at_hand: frozenset[str]) -> RadioMap:
-    return scans_of(paths_of(site, at_hand)).radio_map(survey_paths(site, survey, at_hand))
+def _survey(site: str, part: str | int, at_hand: frozenset[str]) -> RadioMap:
+    return scans_of(paths_of(site, at_hand)).radio_map(survey_paths(site, part, at_hand))
 
 
 def paths_of(site: str, at_hand: frozenset[str]) -> tuple[str, ...]:
@@ -260,9 +232,9 @@ def paths_of(site: str, at_hand: frozenset[str]) -> tuple[str, ...]:
     return tuple(walk.path for walk in walks() if walk.site == site and walk.path in at_hand)
 
 
-def survey_paths(site: str, survey: str | int, at_hand: frozenset[str]) -> list[str]:
-    """The walks that a survey of a mall is made of; see `Splits.survey`."""
-    paths = [path for path in _survey_paths(survey) if path.startswith(f"{site}/") and path in at_hand]
+def survey_paths(site: str, part: str | int, at_hand: frozenset[str]) -> list[str]:
+    """The walks that a survey of a mall is made of; see `splits.survey_of`."""
+    paths = [walk.path for walk in survey_of(part) if walk.site == site and walk.path in at_hand]
     if not paths:
         raise DatasetError(f"{site}: no walk of its survey is at hand; run `pdrbench data fetch {DATASET}`")
     return paths

@@ -22,8 +22,8 @@ app = typer.Typer(no_args_is_help=True, help="What MallPhone-v2 and MallPhoneLos
 @app.command("survey")
 def survey(as_json: AsJson = False) -> None:
     """How many scans the survey of each split has, and how far they are from the places that are scored."""
-    from pdrbench_envs.malls.splits import KNOWN, LATER, NUM_FOLDS, UNSEEN, splits
-    from pdrbench_lab.malls.draw import distances_m, played, scans_of_site
+    from pdrbench_envs.malls.splits import KNOWN, LATER, NUM_FOLDS, UNSEEN
+    from pdrbench_lab.malls.draw import distances_m, played, scans_of_site, splits
 
     made = splits()
     parts: list[tuple[str, str | int, Sequence[Any]]] = [("val", "val", made.val)]
@@ -58,10 +58,9 @@ def _sites(walks: Iterable[Walk]) -> list[str]:
 
 
 def _floor_row(made: Any, floor: tuple[str, str]) -> dict[str, Any]:
-    from pdrbench_envs.malls.splits import is_new
     from pdrbench_lab.malls.draw import distances_m, scans_of_site
 
-    tested = [walk for walk in _walks(made.test) if (walk.site, walk.floor) == floor and is_new(walk)]
+    tested = [walk for walk in _walks(made.test) if (walk.site, walk.floor) == floor and walk.is_new]
     surveyed = [walk for walk in made.survey("test") if (walk.site, walk.floor) == floor]
     scans = len(scans_of_site(floor[0]).scan_xy_m([walk.path for walk in surveyed]))
     row = {"part": " ".join(floor), "walks": len(tested), "survey_walks": len(surveyed), "scans": scans}
@@ -90,7 +89,7 @@ def _print(rows: Sequence[dict[str, Any]], title: str) -> None:
 @app.command("plans")
 def plans(as_json: AsJson = False) -> None:
     """How often walks cross what their plan calls an obstacle, by floor, and the walks of train and val concerned."""
-    from pdrbench_envs.malls.environment import played_walks, split_of
+    from pdrbench_envs.malls.environment import played_walks
     from pdrbench_envs.malls.splits import walks
     from pdrbench_lab.malls.plans import plan_faults
 
@@ -113,7 +112,7 @@ def plans(as_json: AsJson = False) -> None:
     total = {key: sum(row[key] for row in rows) for key in rows[0] if key != "floor"}  # type: ignore[misc]
     rows.append({"floor": "all", **total})
     blocked = {path for fault in found for path in fault.blocked}
-    listed = sorted(w for w, p in played_walks().items() if p.walk.path in blocked and split_of(p) != "test")
+    listed = sorted(w for w, p in played_walks().items() if p.path in blocked and p.split != "test")
     if as_json:
         print_json({"floors": rows, "walks": listed})
         return

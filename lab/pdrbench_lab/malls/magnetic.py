@@ -45,7 +45,7 @@ def _with_magnetic_map(base: Task, name: str) -> Task:
 
 def _magnetic_map(at_hand: frozenset[str], recording: Recording) -> MagneticMap:
     played = environment.played_walk(recording.id)
-    return _survey(played.walk.site, played.survey, at_hand)
+    return _survey(played.site, played.part, at_hand)
 
 
 @functools.lru_cache(maxsize=6)

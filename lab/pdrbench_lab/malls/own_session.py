@@ -10,7 +10,7 @@ import dataclasses
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.task import Task
 from pdrbench_envs.malls import environment
-from pdrbench_envs.malls.splits import splits, walks
+from pdrbench_envs.malls.splits import survey_of, walks
 from pdrbench_envs.malls.surveys import scans_of
 
 
@@ -30,7 +30,7 @@ def _with_own_session(task: Task, name: str) -> Task:
 
 def _radio_map(recording: Recording) -> RadioMap:
     played = environment.played_walks()[recording.id]
-    here = [walk for walk in walks() if walk.site == played.walk.site]
-    survey = {walk.path for walk in splits().survey(played.survey)}
-    survey |= {walk.path for walk in here if walk.session == played.walk.session}
-    return scans_of(tuple(walk.path for walk in here)).radio_map(sorted(survey - {played.walk.path}))
+    here = [walk for walk in walks() if walk.site == played.site]
+    survey = {walk.path for walk in survey_of(played.part)}
+    survey |= {walk.path for walk in here if walk.session == played.session}
+    return scans_of(tuple(walk.path for walk in here)).radio_map(sorted(survey - {played.path}))

@@ -28,7 +28,7 @@ def paired(env: str, other: str, play: Callable[[str], Results]) -> dict[str, An
     both = [walk for walk in without if walk in within]
     task = make_task(env)
     sessions = Counter(walk.session for walk in walks())
-    shared = [walk for walk in both if sessions[played_walks()[walk].walk.session] > 1]
+    shared = [walk for walk in both if sessions[played_walks()[walk].session] > 1]
     difference_m = np.array([without[walk] - within[walk] for walk in both])
     return {
         "env": env,

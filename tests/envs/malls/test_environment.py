@@ -48,7 +48,7 @@ def in_order(task: Task, split: str, of_each_kind: int = 1) -> list[str]:
     kept: dict[str, list[str]] = {}
     for walk in task.split(split):
         played = played_walks()[walk]
-        kept.setdefault(f"{played.walk.site} {played.walk.floor}", []).append(walk)
+        kept.setdefault(f"{played.site} {played.floor}", []).append(walk)
     return [walk for floor in kept.values() for walk in floor[:of_each_kind]]
 
 
@@ -75,7 +75,7 @@ def test_ids_of_test_walks_and_their_units_are_opaque_and_in_their_own_order() -
     test = made.walks["test"]
     assert list(test) == sorted(test)
     assert all(len(name) == len("test-") + 8 for walk in test for name in (walk, made.units[walk]))
-    start_s = [played_walks()[walk].walk.start_s for walk in test]
+    start_s = [played_walks()[walk].start_s for walk in test]
     assert abs(np.corrcoef(np.arange(len(test)), np.argsort(np.argsort(start_s)))[0, 1]) < 0.3
 
 
@@ -113,14 +113,14 @@ def test_without_a_start_every_level_with_a_survey_is_possible(full: Path) -> No
 @pytest.mark.data
 def test_the_walk_left_out_could_not_be_scored_without_a_start(full: Path) -> None:
     (left_out,) = set(task().walks["train"]) - set(task_lost().walks["train"])
-    assert played_walks()[left_out].walk.path == ENDS_BEFORE_A_SCAN
+    assert played_walks()[left_out].path == ENDS_BEFORE_A_SCAN
     assert not environment.after_first_scan(surveys.log_of(ENDS_BEFORE_A_SCAN)).any()
     shortest = sorted(task_lost().walks["train"], key=lambda walk: duration_s(walk))[:5]
-    assert all(environment.after_first_scan(surveys.log_of(played_walks()[walk].walk.path)).any() for walk in shortest)
+    assert all(environment.after_first_scan(surveys.log_of(played_walks()[walk].path)).any() for walk in shortest)
 
 
 def duration_s(walk: str) -> float:
-    facts = played_walks()[walk].walk
+    facts = played_walks()[walk]
     return facts.end_s - facts.start_s
 
 
@@ -182,7 +182,7 @@ def test_a_part_of_the_set_is_played_under_a_note_that_says_how_much(part: Path)
     recording = made.load(made.split("train")[0])
     survey = made.radio_map(recording)
     assert survey is not None and set(survey.level.tolist()) == {4}
-    one = part / played_walks()[made.split("train")[1]].walk.path
+    one = part / played_walks()[made.split("train")[1]].path
     one.unlink()
     assert task().note.startswith("34 of") and len({t.files_sha256("") for t in (task(), made)}) == 2
 
@@ -191,11 +191,11 @@ def test_a_part_of_the_set_is_played_under_a_note_that_says_how_much(part: Path)
 def test_a_changed_walk_is_named_and_another_compression_is_none(part: Path) -> None:
     made = task()
     first, second = made.split("train")[:2]
-    place = part / played_walks()[first].walk.path
+    place = part / played_walks()[first].path
     text = lzma.decompress(place.read_bytes())
     place.write_bytes(lzma.compress(text, preset=0))
     assert len(made.load(first).reference) > 1
-    place = part / played_walks()[second].walk.path
+    place = part / played_walks()[second].path
     place.write_bytes(lzma.compress(lzma.decompress(place.read_bytes()) + b"\n"))
     with pytest.raises(DatasetError, match=place.name):
         made.load(second)
@@ -225,7 +225,7 @@ def test_a_survey_is_parsed_once_and_again_where_its_cache_is_damaged(part: Path
 def test_a_walk_is_opened_within_60_ms(full: Path) -> None:
     """Of processor time, once the plan of its mall is read: the median of nine walks."""
     made = task()
-    chosen = [walk for walk in made.split("val") if played_walks()[walk].walk.site == "site1"][:10]
+    chosen = [walk for walk in made.split("val") if played_walks()[walk].site == "site1"][:10]
     took_s = []
     for walk in chosen:
         surveys.log_of.cache_clear()

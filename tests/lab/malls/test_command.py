@@ -90,5 +90,5 @@ def test_with_its_own_session_a_survey_has_the_other_walks_of_that_and_no_more(f
 
 
 def others(walk: str) -> list[str]:
-    played = played_walks()[walk].walk
+    played = played_walks()[walk]
     return [each.path for each in walks() if each.session == played.session and each.path != played.path]

@@ -82,8 +82,8 @@ def test_the_survey_is_made_of_the_walks_of_the_radio_survey(full: Path) -> None
         radio_map, magnetic_map = briefing.radio_map, briefing.magnetic_map
         assert radio_map is not None and magnetic_map is not None
         played = played_walks()[walk]
-        paths = survey_paths(played.walk.site, played.survey, walks_at_hand())
-        assert played.walk.path not in paths
+        paths = survey_paths(played.site, played.part, walks_at_hand())
+        assert played.path not in paths
         assert len(np.unique(magnetic_map.walk)) <= len(paths)
         assert set(radio_map.walk.tolist()) <= set(magnetic_map.walk.tolist())
         for number in np.unique(radio_map.walk)[:5]:
