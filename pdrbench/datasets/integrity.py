@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import gzip
 import hashlib
 import lzma
@@ -114,7 +113,7 @@ def _verify_content(sought: Dataset, folder: Path) -> Iterator[Problem]:
     """The same for a set whose own names are not registered: by hash, wherever a file lies."""
     seen = set()
     for path in files_in(folder):
-        file, is_recompressed = _registered(sought, folder / path)
+        file, is_recompressed = registered_file(sought, folder / path)
         if file is None:
             yield Problem(path, "extra", "no registered file has its hash")
             continue
@@ -126,7 +125,7 @@ def _verify_content(sought: Dataset, folder: Path) -> Iterator[Problem]:
             yield Problem(file.path, "missing", f"no file has sha256 {file.sha256[:12]}...")
 
 
-def _registered(sought: Dataset, path: Path) -> tuple[DataFile | None, bool]:
+def registered_file(sought: Dataset, path: Path) -> tuple[DataFile | None, bool]:
     """The registered file with the hash of the one at `path`, or else with its content, True, where it is packed."""
     found = sha256_of(path)
     file = next((file for file in sought.files if file.sha256 == found), None)
@@ -134,22 +133,3 @@ def _registered(sought: Dataset, path: Path) -> tuple[DataFile | None, bool]:
         file = next((file for file in sought.files if file.content_sha256 == content), None)
         return file, True
     return file, False
-
-
-def locate(name: str) -> dict[str, Path]:
-    """Where each registered file was found, by its registered path: by its hash, or by its content if compressed anew.
-
-    Raises:
-        UnknownNameError: No such dataset is registered.
-        DatasetError: It is not available.
-    """
-    folder = find(name)
-    states = ((folder / path, (folder / path).stat()) for path in files_in(folder))
-    return dict(_located(name, tuple((path, state.st_size, state.st_mtime_ns) for path, state in states)))
-
-
-@functools.lru_cache(maxsize=16)
-def _located(name: str, files: tuple[tuple[Path, int, int], ...]) -> tuple[tuple[str, Path], ...]:
-    """Path registered and found of each file; size and time of its last change differ once it is written again."""
-    found = ((_registered(registered(name), path)[0], path) for path, _, _ in files)
-    return tuple(sorted((file.path, path) for file, path in found if file is not None))

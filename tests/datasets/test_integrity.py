@@ -1,4 +1,4 @@
-"""`verify` and `locate` on a folder."""
+"""`verify` on a folder."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import pytest
 
 from pdrbench.datasets import Dataset, integrity, verify
 from pdrbench.datasets.download import fetch_into
-from pdrbench.datasets.integrity import locate
-from pdrbench.errors import DatasetError
 
 
 @pytest.fixture
@@ -72,10 +70,3 @@ def test_files_registered_by_content_are_found_under_any_name(
     walk.write_bytes(gzip.compress(gzip.decompress(walk.read_bytes()), 1))
     (folder / "map.json").write_bytes(b"[]")
     assert problems(folder) == {"elsewhere/walk.txt.gz": "recompressed", "map.json": "missing"}
-
-
-def test_a_missing_set_says_how_to_get_it(monkeypatch, tmp_path):
-    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
-    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
-    with pytest.raises(DatasetError, match="not available"):
-        locate("phone_steps")

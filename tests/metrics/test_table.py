@@ -10,10 +10,8 @@ import math
 import numpy as np
 import pytest
 
-from pdrbench.errors import PdrbenchError
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled, score
 from pdrbench.metrics.statistics import SUMMARIES
-from pdrbench.metrics.table import _by_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 # `make_walk` ends elsewhere, too early, is never lost, and turns by less than a radian
@@ -49,11 +47,6 @@ def test_metric_fits_its_function(metric: Metric) -> None:
     assert metric.over_walks in SUMMARIES
     unit = UNITS.get(metric.name.rpartition("_")[2], "")
     assert metric.unit == unit or metric.name.startswith("success_")
-
-
-def test_a_duplicate_name_is_an_error() -> None:
-    with pytest.raises(PdrbenchError, match="same name"):
-        _by_name(METRICS["ate_m"], METRICS["ate_m"])
 
 
 def test_pooled_returns_what_the_table_says() -> None:

@@ -13,7 +13,6 @@ from typing import Final
 
 from pdrbench.datasets import dataset, find
 from pdrbench.datasets.catalogue import DataFile
-from pdrbench.datasets.integrity import locate
 from pdrbench.errors import DatasetError, unknown_name
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
@@ -21,6 +20,7 @@ from pdrbench.task import Task
 from pdrbench.trajectory import Start
 from pdrbench_envs.recorded import opaque_id
 from pdrbench_lab.readers import phone_steps
+from pdrbench_lab.readers.registered_files import locate
 
 ENV: Final = "PhoneSteps-v1"
 DATASET: Final = "phone_steps"

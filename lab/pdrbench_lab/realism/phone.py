@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.datasets import dataset
-from pdrbench.datasets.integrity import locate
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording
 from pdrbench_lab.readers import phone_steps
+from pdrbench_lab.readers.registered_files import locate
 from pdrbench_lab.realism import phone_gait
 from pdrbench_lab.realism.block import Block, Control, Distribution, Figure, Part, Values, clustered, statistics
 from pdrbench_lab.realism.malls import mall_walks

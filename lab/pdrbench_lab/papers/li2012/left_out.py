@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.datasets import dataset
-from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import GENTLE, find_steps
 from pdrbench.sensors.checks import rate_of
@@ -26,6 +25,7 @@ from pdrbench_lab.adaptive_steps import AdaptiveStepParams, choose_steps, find_a
 from pdrbench_lab.papers.li2012 import steps as walks
 from pdrbench_lab.papers.ring_floor import bare_ring
 from pdrbench_lab.readers import phone_steps
+from pdrbench_lab.readers.registered_files import locate
 from pdrbench_lab.reproduce.reproduction import (
     Claim,
     Experiment,

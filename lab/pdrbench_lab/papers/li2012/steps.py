@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.datasets import dataset
-from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, find_steps
 from pdrbench_lab.papers.li2012.handling import TC1
@@ -21,6 +20,7 @@ from pdrbench_lab.papers.li2012.handling_motion import HandlingParams, handling_
 from pdrbench_lab.papers.li2012.step_scores import EventMatch, match_events
 from pdrbench_lab.papers.ring_floor import bare_ring
 from pdrbench_lab.readers import phone_steps
+from pdrbench_lab.readers.registered_files import locate
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import Stances, stances
