@@ -124,6 +124,7 @@ Command = Callable[..., Outcome]
 def command(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
     """Runs `pdrbench ARGUMENTS...` as in a log, where no terminal says how wide it is."""
     monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # a command adds its folder; workers of another path are not reused
 
     def run(*arguments: object) -> Outcome:
         with pytest.raises(SystemExit) as stop:

@@ -103,7 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if importlib.util.find_spec("numba") is None:
         note("pdrbench: numba, which compiles what most localizers and simulators call, is missing: pip install numba")
         sys.exit(1)
-    sys.path.append(str(Path.cwd()))  # so that package.module:Class finds what lies here; behind everything installed
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)  # so that package.module:Class finds what lies here; behind everything installed
     _add_commands()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a console of Windows may lack what a name or a table has

@@ -34,7 +34,7 @@ from pdrbench.metrics.ranking import smallest_ratio
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
-from pdrbench.task import SPLITS, Task
+from pdrbench.task import SPLITS, SURVEYS, Task
 from pdrbench.trajectory import Estimates, Trajectory
 
 MIN_INSIDE_FRACTION: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
@@ -72,7 +72,8 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         raise
     except Exception as error:  # noqa: BLE001  the task under test may raise anything, and that is what is reported
         return [Check("walks load", False, f"{type(error).__name__}: {error}")]
-    cached = dataclasses.replace(task, load=lambda walk: loaded[walk], walks=played)
+    surveys: dict[str, Any] = {kind: _made_once(getattr(task, kind)) for kind in SURVEYS}
+    cached = dataclasses.replace(task, load=lambda walk: loaded[walk], walks=played, **surveys)
     looks: dict[str, Callable[[], str | None]] = {
         "splits are there": lambda: _splits(task),
         "walks load twice the same": lambda: _loads_the_same(task, loaded),
@@ -88,7 +89,7 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         "the observation space holds every observation": lambda: _spaces(cached),
         "test splits reward nothing": lambda: _rewards(cached),
         "gymnasium's check_env passes": lambda: _gymnasium(cached),
-        "its walks tell localizers apart": lambda: _tells_apart(task),
+        "its walks tell localizers apart": lambda: _tells_apart(task, loaded),
         "a seed fixes the order of walks": lambda: _seeded(cached),
         "both roads give the same estimates": lambda: _each(cached, _both_roads),
         "the vector environment agrees": lambda: _vector(cached),
@@ -97,6 +98,18 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         Check("walks load", True, f"{len(loaded)} looked at"),
         *(run_check(name, look) for name, look in looks.items()),
     ]
+
+
+def _made_once(survey: Callable[[Recording], Any]) -> Callable[[Recording], Any]:
+    """The same survey each time it is asked for: making one takes longer than most checks of a walk."""
+    made: dict[str, Any] = {}
+
+    def of(recording: Recording) -> Any:
+        if recording.id not in made:
+            made[recording.id] = survey(recording)
+        return made[recording.id]
+
+    return of
 
 
 def _each(task: Task, look: Callable[[Task, Recording], str | None]) -> str:
@@ -119,10 +132,10 @@ def _splits(task: Task) -> str:
     return remark if task.walks.get("train") else f"{remark}; nothing to tune on, so tune elsewhere"
 
 
-def _tells_apart(task: Task) -> str:
+def _tells_apart(task: Task, loaded: Mapping[str, Recording]) -> str:
     """Warns where so few units rank that neighbours cannot be told apart; `pdrbench power` measures instead."""
     walks = task.walks.get("test") or task.split(task.default_split)
-    units = set(map(task.units.get, walks)) if task.units else _buildings(task, walks)
+    units = set(map(task.units.get, walks)) if task.units else _buildings(task, walks, loaded)
     count = len(units) if len(units) >= MIN_UNITS else len(walks)
     if count < 2:
         return f"warning: one walk tells nothing; see pdrbench power {task.id}"
@@ -132,9 +145,9 @@ def _tells_apart(task: Task) -> str:
     return limit if is_enough else f"warning: {limit}, a board needs {PUBLISHED_RATIO}; see pdrbench power {task.id}"
 
 
-def _buildings(task: Task, walks: Sequence[str]) -> set[str]:
+def _buildings(task: Task, walks: Sequence[str], known: Mapping[str, Recording]) -> set[str]:
     """Names that tell the buildings of walks apart; where the first ones differ, every walk counts as another."""
-    loaded = [task.load(walk).building for walk in walks[:SOME_WALKS]]
+    loaded = [(known.get(walk) or task.load(walk)).building for walk in walks[:SOME_WALKS]]
     names = {building.name for building in loaded if building is not None}
     if len(names) == len(loaded):
         return set(walks)

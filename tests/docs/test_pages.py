@@ -50,10 +50,10 @@ def test_ci_runs_every_marked_block_and_each_is_there_once() -> None:
     assert sorted(marked) == sorted({first or second for first, second in ran})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_python_examples_parse(page: Path) -> None:
-    for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
-        ast.parse(block["code"])
+def test_python_examples_parse() -> None:
+    for page in PAGES:
+        for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
+            ast.parse(block["code"], page.name)
 
 
 def test_every_format_of_recordings_is_described() -> None:

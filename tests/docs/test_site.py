@@ -19,6 +19,7 @@ KINDS: Final = (  # a page of each kind
     *("api/filters", "environments/CampusStride-v1", "datasets/foot_vicon"),
 )
 PHONE: Final = (390, 844)
+SCHEMES: Final = {"light": "default", "dark": "slate"}  # colours of the reader's system, and their name in a page
 CONTRAST: Final = """(() => {
   const parse = (text) => { const n = text.match(/[\\d.]+/g).map(Number); return [n[0], n[1], n[2], n[3] ?? 1]; };
   const over = (a, b) => [0, 1, 2].map((i) => a[3] * a[i] + (1 - a[3]) * b[i]);
@@ -112,42 +113,37 @@ def test_no_link_is_dead(site: Path, texts: dict[str, str]) -> None:
     assert dead == []
 
 
-@pytest.fixture(params=["light", "dark"])
-def scheme(request: pytest.FixtureRequest, browser: Any) -> str:
-    """Colours of the reader's system."""
-    browser.media(prefers_color_scheme=request.param)
-    found: str = request.param
-    return found
+def choose_colours(browser: Any, scheme: str) -> None:
+    """As a reader does whose system changes its colours; the page follows without being loaded again."""
+    browser.media(prefers_color_scheme=scheme)
+    browser.wait(f"document.body.dataset.mdColorScheme === '{SCHEMES[scheme]}'")
+    browser.wait("document.getAnimations().every((one) => !(one instanceof CSSTransition))")
 
 
-def test_pages_fit_a_phone_and_can_be_read(site: Path, browser: Any, scheme: str) -> None:
+def test_pages_fit_a_phone_and_can_be_read(site: Path, browser: Any) -> None:
     """No page scrolls sideways at 390 px, and text has the contrast of WCAG AA: 4.5, large text 3."""
     browser.size(*PHONE, mobile=True)
-    for kind in KINDS:
-        browser.open(site / f"{kind}.html")
-        assert browser.run("document.body.dataset.mdColorScheme") == {"light": "default", "dark": "slate"}[scheme]
-        assert browser.run("document.scrollingElement.scrollWidth") <= PHONE[0], kind
-        assert browser.run(CONTRAST) == {}, kind
-
-
-def test_every_written_page_fits_a_phone(site: Path, browser: Any) -> None:
-    """Pages that are generated are like those of their kind, which the test above opens."""
-    browser.size(*PHONE, mobile=True)
+    written = {page.stem for page in (ROOT / "docs").glob("*.md")}
     wide = []
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        browser.open(site / f"{page.stem}.html")
+    for page in sorted(written | set(KINDS)):  # generated pages are like those of their kind
+        browser.open(site / f"{page}.html")
+        for scheme in SCHEMES if page in KINDS else ():
+            choose_colours(browser, scheme)
+            assert browser.run(CONTRAST) == {}, (page, scheme)
         if browser.run("document.scrollingElement.scrollWidth") > PHONE[0]:
-            wide.append(page.stem)
+            wide.append(page)
     assert wide == []
 
 
-def test_the_keyboard_shows_where_it_is(site: Path, browser: Any, scheme: str) -> None:
+def test_the_keyboard_shows_where_it_is(site: Path, browser: Any) -> None:
     browser.size(1280, 900)
     browser.open(site / "index.html")
-    places = set()
-    for _ in range(25):
-        browser.key("Tab")
-        place, has_ring, is_seen = browser.run(FOCUS)
-        places.add(place)
-        assert has_ring and is_seen, place
-    assert len(places) > 15
+    for scheme in SCHEMES:
+        choose_colours(browser, scheme)
+        places = set()
+        for _ in range(25):
+            browser.key("Tab")
+            place, has_ring, is_seen = browser.run(FOCUS)
+            places.add(place)
+            assert has_ring and is_seen, place
+        assert len(places) > 15

@@ -69,11 +69,6 @@ class Lags(Mine):
 class Broken(Mine):
     def step(self, observation):
         raise ValueError("no idea")
-
-
-class Smooths(Mine):
-    def revise(self):
-        return np.array([[0.0, *self.xy_m, self.level]])
 '''
 
 

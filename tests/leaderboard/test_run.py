@@ -139,34 +139,30 @@ def _without_times(content: bytes) -> list[bytes]:
     return [line for line in content.splitlines() if b'"load"' not in line]
 
 
-def test_a_walk_that_fails_has_no_values(settings: Settings, submitted: Path, mine: tuple[str, Path]) -> None:
-    list(run([TOY], [f"{submitted}:Broken"], settings, card=mine[1]))
-    part = record.read_entry(settings.root / "toy" / "mine")[0].parts[0]
-    found = part.divisions[0]
+def test_a_walk_that_fails_has_no_values(played: Settings) -> None:
+    found = record.read_entry(played.root / "toy" / "broken")[0].parts[0].divisions[0]
     assert set(found.statuses) == {"f"}
     assert found.failures == {"ValueError: no idea": len(found.statuses)}
     assert set(found.values["p75_m"]) == {None}
 
 
-def test_one_run_gives_both_divisions(settings: Settings, submitted: Path, mine: tuple[str, Path]) -> None:
-    list(run([TOY], [f"{submitted}:Smooths"], settings, card=mine[1]))
-    part = record.read_entry(settings.root / "toy" / "mine")[0].parts[0]
-    online, offline = part.divisions
+def test_one_run_gives_both_divisions(played: Settings) -> None:
+    online, offline = record.read_entry(played.root / "toy" / "lags")[0].parts[0].divisions
     assert (online.division, offline.division) == ("online", "offline")
     assert record.numbers(online.values["mean_m"]).max() < record.numbers(offline.values["mean_m"]).min()
 
 
-def test_registered_localizers_bring_their_card_and_others_need_one(settings: Settings, submitted: Path) -> None:
+def test_registered_localizers_bring_their_card_and_others_need_one(
+    settings: Settings, submitted: Path, played: Settings
+) -> None:
     with pytest.raises(BundleError, match="needs a card"):
         list(run([TOY], [f"{submitted}:Mine"], settings))
-    list(run([TOY], [STAY], settings))
-    entry, card = record.read_entry(settings.root / "toy" / STAY)
+    entry, card = record.read_entry(played.root / "toy" / STAY)
     assert (entry.spec, card.name) == (STAY, STAY)
 
 
-def test_changed_answers_are_found(settings: Settings) -> None:
-    list(run([TOY], [STAY], settings))
-    path = settings.root / "toy" / STAY / record.ANSWERS_FILE
+def test_changed_answers_are_found(played: Settings, tmp_path: Path) -> None:
+    path = Path(shutil.copytree(played.root / "toy" / STAY, tmp_path / STAY)) / record.ANSWERS_FILE
     path.write_bytes(path.read_bytes() + b"x")
     with pytest.raises(BundleError, match="not the one"):
         record.read_entry(path.parent)
