@@ -136,6 +136,15 @@ def command(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
     return run
 
 
+@pytest.fixture
+def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports have their first figure only; the tests of `report` draw all of them."""
+    from pdrbench.report import folder
+
+    draw = folder._figures
+    monkeypatch.setattr(folder, "_figures", lambda *given: itertools.islice(draw(*given), 1))
+
+
 class Orphans:
     """Inside, processes whose parents end become children of this one (Linux), so that none is missed."""
 

@@ -66,6 +66,7 @@ def place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("one_figure")
 def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, place: Path) -> None:
     arguments = ["--env", "CampusStride-v1", "--walks", 2, "--localizer", "stay", "--localizer", "mine.py:Mine"]
     outcome = command("compare", *arguments, "--json")

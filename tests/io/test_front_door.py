@@ -19,7 +19,7 @@ from pdrbench.errors import RecordingError
 from pdrbench_formats.detect import read
 
 Rows = dict[str, np.ndarray]
-NUM = int(os.environ.get("DIALECTS", "100"))  # DIALECTS=1000 reads a thousand
+NUM = int(os.environ.get("DIALECTS", "50"))  # DIALECTS=1000 reads a thousand
 MIN_READ = 0.98
 
 TIMES: dict[str, tuple[float, tuple[str, ...]]] = {  # factor from seconds, words of a header that states it

@@ -78,6 +78,7 @@ def test_a_mended_recording_is_played_by_the_next_run(folder: Path) -> None:
     assert (again["empty"], again["in_g"]) == ("complete", "failed")
 
 
+@pytest.mark.usefixtures("one_figure")
 def test_compare_and_try_go_on(folder: Path, command: Any) -> None:
     options = ("--localizer", "stay", "--isolation", "none", "--out", folder.parent / "compared", "--json")
     found = command("compare", "--env", folder, *options)
