@@ -25,6 +25,7 @@ SHELL = re.compile(r"^ *```(?:bash|sh)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="documentation is not part of a wheel")
 
 
+@pytest.mark.usefixtures("one_figure")
 def test_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Every block in order, in one namespace; a block with a title is written to a file of that name."""
     monkeypatch.chdir(tmp_path)

@@ -143,7 +143,7 @@ def odd_packets(stroll: Stroll, rng: np.random.Generator, num: int) -> Iterator[
 
 def test_no_packet_ends_it(live: Running, stroll: Stroll, rng: np.random.Generator) -> None:
     packets = odd_packets(stroll, rng, 10**9)
-    until_s = time.monotonic() + float(os.environ.get("LIVE_FUZZ_S", "5"))
+    until_s = time.monotonic() + float(os.environ.get("LIVE_FUZZ_S", "1"))
     count = 0
     with websocket(live, "stream?device=socket") as client, websocket(live, "view") as view:
         while time.monotonic() < until_s or count < 40:
