@@ -11,25 +11,21 @@ SPEC = SensorSpec("accel", ("t_s", "x_mps2"), [0, -100], [1e6, 100], 50.0, "a te
 EMPTY = Trajectory(np.zeros(0), np.zeros((0, 2)), np.zeros(0, int), np.zeros(0, bool))
 
 
-def test_time_going_back_names_row_and_both_times() -> None:
+def test_what_is_wrong_with_a_stream_is_named() -> None:
     with pytest.raises(RecordingError, match=r"'accel': t_s goes back at row 2 \(0.500 after 1.000\)"):
         SensorStream(SPEC, [[0, 1], [1, 1], [0.5, 1]])
+    with pytest.raises(RecordingError, match=r"expected \(T, 2\)"):
+        SensorStream(SPEC, np.zeros((4, 3)))
+    with pytest.raises(RecordingError, match="no column 'y_mps2'; columns: t_s, x_mps2"):
+        SensorStream(SPEC, np.zeros((1, 2))).column("y_mps2")
+    with pytest.raises(RecordingError, match="filed under 'gyro'"):
+        Recording("walk", None, {"gyro": SensorStream(SPEC, np.zeros((1, 2)))}, EMPTY)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 981.0])
 def test_a_value_no_sensor_can_deliver_is_refused(value: float) -> None:
     with pytest.raises(RecordingError, match=r"x_mps2 is .* at row 1"):
         SensorStream(SPEC, [[0, 1], [1, value]])
-
-
-def test_wrong_number_of_columns() -> None:
-    with pytest.raises(RecordingError, match=r"expected \(T, 2\)"):
-        SensorStream(SPEC, np.zeros((4, 3)))
-
-
-def test_unknown_column_lists_the_known() -> None:
-    with pytest.raises(RecordingError, match="no column 'y_mps2'; columns: t_s, x_mps2"):
-        SensorStream(SPEC, np.zeros((1, 2))).column("y_mps2")
 
 
 @pytest.mark.parametrize(
@@ -46,11 +42,6 @@ def test_a_spec_that_no_observation_could_honour_is_refused(fields: dict[str, ob
     good = {"name": "accel", "columns": SPEC.columns, "low": SPEC.low, "high": SPEC.high, "rate_hz": 1.0, "what": ""}
     with pytest.raises(RecordingError):
         SensorSpec(**(good | fields))  # type: ignore[arg-type]
-
-
-def test_a_stream_filed_under_another_name_is_refused() -> None:
-    with pytest.raises(RecordingError, match="filed under 'gyro'"):
-        Recording("walk", None, {"gyro": SensorStream(SPEC, np.zeros((1, 2)))}, EMPTY)
 
 
 def test_end_is_the_last_thing_recorded() -> None:

@@ -59,11 +59,7 @@ def test_without_a_start_and_a_building_a_silent_localizer_is_in_the_middle_of_t
 
 @pytest.mark.parametrize(
     ("env", "kind", "num_units"),
-    [
-        ("FootVicon-v1", "person", 1),
-        ("IpinPhone-v1", "route", 4),
-        ("MallPhone-v2", "outing", 31),
-    ],
+    [("FootVicon-v1", "person", 1), ("IpinPhone-v1", "route", 4), ("MallPhone-v2", "outing", 31)],
 )
 def test_units_of_environments(env: str, kind: str, num_units: int) -> None:
     task = make_task(env)

@@ -15,11 +15,7 @@ from pdrbench.building.convex import compile_map
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench_formats.maps.builder import BuildingBuilder
 
-DOORS = {
-    "line": [(4, 1), (4, 2)],
-    "polygon": box(3.9, 1, 4.1, 2),
-    "point": shapely.Point(4, 1.5),
-}
+DOORS = {"line": [(4, 1), (4, 2)], "polygon": box(3.9, 1, 4.1, 2), "point": shapely.Point(4, 1.5)}
 
 
 def two_rooms(gap_m: float = 0.0, **options: object) -> BuildingBuilder:

@@ -46,14 +46,12 @@ def test_locate_agrees_with_shapely_point_by_point(house: Building, rng: np.rand
     assert np.array_equal(house.contains(xy_m, level), np.array(expected) >= 0)
 
 
-def test_the_boundary_is_inside_and_nowhere_is_outside(house: Building) -> None:
+def test_places_are_in_polygons_of_their_level_boundary_included(house: Building) -> None:
     places = [[0, 0], [10, 2.5], [2.5, 2.5], [2, 2], [np.nan, 0], [-1e-9, 0]]
     assert house.locate(places, 0).tolist() == [0, 0, -1, 0, -1, -1]
-
-
-def test_overlapping_floors_are_distinguished_by_level(house: Building) -> None:
     assert house.locate([[1, 9.8]], 0).tolist() == [0]
     assert house.locate([[1, 9.8]], 1).tolist() == [14]
+    assert house.walkable(0).area == pytest.approx(75 + 36 + 2 * 0.29 * 6)
 
 
 def test_samples_are_uniform_over_area(house: Building) -> None:
@@ -76,10 +74,6 @@ def test_samples_of_one_level_and_same_generator_same_bytes(house: Building) -> 
     assert first[1].tobytes() == again[1].tobytes()
     with pytest.raises(MapError, match="no level 7; levels: 0, 1"):
         house.sample_uniform(np.random.default_rng(5), 1, level=7)
-
-
-def test_walkable_is_the_union_of_a_level(house: Building) -> None:
-    assert house.walkable(0).area == pytest.approx(75 + 36 + 2 * 0.29 * 6)
 
 
 def test_equal_by_content(house: Building) -> None:
@@ -161,9 +155,7 @@ def second(neighbour: list[int], outline: list[list[float]] = NEXT) -> FloorPoly
             "polygon 'a' is not simple at edge",
         ),
         (
-            lambda: build(
-                polygon(holes=([[3, 3], [3, 4], [4, 4], [4, 3]],), neighbour=[WALL] * 8),
-            ),
+            lambda: build(polygon(holes=([[3, 3], [3, 4], [4, 4], [4, 3]],), neighbour=[WALL] * 8)),
             "polygon 'a' is not simple",
         ),
     ],

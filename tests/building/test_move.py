@@ -69,10 +69,14 @@ def test_one_stride_climbs_many_treads(house: Building) -> None:
     assert alive.all() and reached.tolist() == [1]
 
 
-def test_stairs_that_overlap_a_floor_in_plan_do_not_mix(house: Building) -> None:
+def test_along_a_wall_and_standing_on_it_a_walker_stays_in_its_polygon_and_level(house: Building) -> None:
     # the gallery lies over the hall: no segment falls through or is lifted
     assert house.move([14], [[1, 9.7]], [[1, 9.9]])[0].tolist() == [14]
     assert house.move([0], [[1, 9.7]], [[1, 9.9]])[0].tolist() == [0]
+    reached, alive = house.move([0, 0, 0], [[1, 0], [5, 5], [0, 0]], [[9, 0], [5, 5], [0, 0]])
+    assert alive.all() and (reached == 0).all()
+    _, alive = house.move([0], [[5.0, 0.0]], [[5.0, -1.0]])
+    assert not alive.any()
 
 
 @pytest.mark.parametrize("jamb_m", [2.0, 3.0])
@@ -81,16 +85,6 @@ def test_a_step_that_hits_a_door_jamb_is_not_alive(house: Building, jamb_m: floa
         aim = np.array([10.0, jamb_m])
         _, alive = house.move([0], [start], [aim + (aim - start)])
         assert not alive.any()
-
-
-def test_walking_along_a_wall_and_standing_still_are_allowed(house: Building) -> None:
-    reached, alive = house.move([0, 0, 0], [[1, 0], [5, 5], [0, 0]], [[9, 0], [5, 5], [0, 0]])
-    assert alive.all() and (reached == 0).all()
-
-
-def test_standing_on_a_wall_does_not_lead_through_it(house: Building) -> None:
-    _, alive = house.move([0], [[5.0, 0.0]], [[5.0, -1.0]])
-    assert not alive.any()
 
 
 def test_crossings_are_capped() -> None:

@@ -23,9 +23,10 @@ from pdrbench.errors import PdrbenchError
 PROGRAM = [sys.executable, "-c", "from pdrbench.cli import main; main()"]
 
 
-def test_version_and_help(command: Any) -> None:
+def test_version_help_and_the_nearest_command(command: Any) -> None:
     assert command("--version").out == f"{__version__}\n"
     assert command("compare", "--help").code == 0
+    assert "Did you mean 'compare'" in command("compere").err
 
 
 @pytest.mark.parametrize(
@@ -45,10 +46,6 @@ def test_wrong_usage_exits_2_and_leaves_standard_output_empty(arguments: list[st
     outcome = command(*arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert "Error" in outcome.err
-
-
-def test_a_mistyped_command_suggests_the_nearest(command: Any) -> None:
-    assert "Did you mean 'compare'" in command("compere").err
 
 
 @pytest.mark.parametrize(

@@ -75,10 +75,12 @@ def test_no_name_of_a_person_is_in_a_table(data_root: Path) -> None:
         assert not any(person in place.read_bytes().lower() for person in people), place.name
 
 
-def test_an_unknown_field_is_refused_with_the_name_of_the_table() -> None:
+def test_an_unknown_field_and_an_unknown_set_are_refused_with_names() -> None:
     assert read_table(table(ROW % ""), "x.json").files[0].path == "a"
     with pytest.raises(DatasetError, match=r"x.json: .*unknown field `colour`.*pdrbench_lab.dataset_table"):
         read_table(table(ROW % ',"colour":"red"'), "x.json")
+    with pytest.raises(UnknownNameError, match="no dataset named 'ilc2'; did you mean 'ilc20'"):
+        dataset("ilc2")
 
 
 @pytest.mark.parametrize("path", ["../a", "/etc/passwd", "a/../../b", "", "a\\\\b"])
@@ -91,8 +93,3 @@ def test_a_path_that_leaves_the_set_is_refused(path: str) -> None:
 def test_a_file_that_is_no_table_is_refused(text: bytes) -> None:
     with pytest.raises(DatasetError, match=r"x.json: "):
         read_table(text, "x.json")
-
-
-def test_an_unknown_set_suggests_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match="no dataset named 'ilc2'; did you mean 'ilc20'"):
-        dataset("ilc2")

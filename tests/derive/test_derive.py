@@ -53,12 +53,9 @@ def foot_streams(num_strides: int = 6, **quick: float) -> dict[str, SensorStream
     }
 
 
-def test_a_given_heading_is_where_the_yaw_begins() -> None:
+def test_the_yaw_begins_at_a_given_heading_or_where_the_magnetometer_has_north() -> None:
     walker = Walker()
     assert walker.error_deg(attitude(walker.accel, walker.gyro, None, 0.7)).max() < 1.0
-
-
-def test_without_a_heading_north_is_where_the_magnetometer_has_it() -> None:
     walker = Walker()
     assert walker.error_deg(attitude(walker.accel, walker.gyro, walker.mag)).max() < 2.0
 

@@ -37,10 +37,7 @@ def kernels() -> dict[str, tuple[str, str]]:
     wide = [name for name in dispatched if "AVX512" in name or name == "X86_V4"]
     cores = [core for core, needs in (("Haswell", "AVX2"), ("SkylakeX", "AVX512_SKX")) if needs in here]
     narrower, least = [*cores, "", ""][:2]
-    return {
-        "narrower": (narrower, " ".join(wide)),
-        "least": (least, " ".join(dispatched)),
-    }
+    return {"narrower": (narrower, " ".join(wide)), "least": (least, " ".join(dispatched))}
 
 
 def walks_at_hand() -> list[str]:

@@ -155,11 +155,7 @@ def test_localizers_that_answer_badly_or_raise_give_results_that_say_so(localize
     )
     found = by_class(evaluate([localizer(name) for name in names], ENV, walks=1, seeds=1))
     missing = {name: dict(found[name].missing) for name in ("NotFinite", "WrongShape", "WrongType")}
-    assert missing == {
-        "NotFinite": {"nan": 1},
-        "WrongShape": {"shape": 1},
-        "WrongType": {"type": 1},
-    }
+    assert missing == {"NotFinite": {"nan": 1}, "WrongShape": {"shape": 1}, "WrongType": {"type": 1}}
     assert all(found[name].status == "complete" for name in (*missing, "Good"))
     for name, answered, reason in (
         ("RaisesInConstruction", 0, "RuntimeError: no weights"),

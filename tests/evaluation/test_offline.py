@@ -108,11 +108,7 @@ def stride_m(result: Result) -> float:
 
 
 def test_a_run_is_scored_as_it_was_answered_and_as_it_was_revised(toy: Path) -> None:
-    plain, smooth, beside = (
-        play(toy, "Plain"),
-        play(toy, "Smooth"),
-        play(toy, "Smooth", shift_m=[3.0, 4.0]),
-    )
+    plain, smooth, beside = (play(toy, "Plain"), play(toy, "Smooth"), play(toy, "Smooth", shift_m=[3.0, 4.0]))
     online_m = pytest.approx(6.5 * stride_m(plain.results[0]))
     assert [scored.scores["mean_m"] for scored in plain.scored] == [online_m]
     assert [result.division for result in smooth.results] == ["online", "offline"]

@@ -57,10 +57,12 @@ def assert_same(one: Result, other: Result) -> None:
         np.testing.assert_allclose(getattr(one.estimates, field.name), were, rtol=0, atol=0.5001e-4)
 
 
-def test_a_result_comes_back_as_it_was(result: Result, tmp_path: Path) -> None:
+def test_a_result_comes_back_as_it_was_and_is_the_same_bytes_each_time(result: Result, tmp_path: Path) -> None:
     store.write_whole(tmp_path / "a.result", store.encode(result))
     assert_same(store.load(tmp_path / "a.result"), result)
     assert [path.name for path in tmp_path.iterdir()] == ["a.result"]
+    swapped = dataclasses.replace(result, provenance=dict(reversed(result.provenance.items())))
+    assert store.encode(result) == store.encode(swapped)
 
 
 def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> None:
@@ -85,14 +87,11 @@ def test_revised_estimates_are_kept_beside_the_answers(result: Result) -> None:
     np.testing.assert_allclose(found.revised.columns, moved.columns, rtol=0, atol=0.5001e-4)
 
 
-def test_there_are_two_divisions(result: Result) -> None:
+def test_a_third_division_and_provenance_that_json_cannot_hold_are_refused(result: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="online or offline; got 'late'"):
         dataclasses.replace(result, division="late")
-
-
-def test_the_same_result_is_the_same_bytes(result: Result) -> None:
-    swapped = dataclasses.replace(result, provenance=dict(reversed(result.provenance.items())))
-    assert store.encode(result) == store.encode(swapped)
+    with pytest.raises(ResultError, match=r"walk 'walk 7'.*JSON"):
+        store.write_whole(tmp_path / "a.result", store.encode(dataclasses.replace(result, provenance={"x": object()})))
 
 
 def test_every_cut_and_every_changed_byte_is_noticed(result: Result, tmp_path: Path) -> None:
@@ -108,9 +107,11 @@ def test_every_cut_and_every_changed_byte_is_noticed(result: Result, tmp_path: P
             store.load(path)
 
 
-def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
+def test_a_missing_file_or_folder_is_an_error(tmp_path: Path, result: Result) -> None:
     with pytest.raises(ResultError, match="No such file"):
         store.load(tmp_path / "nothing.result")
+    with pytest.raises(ResultError, match="No such file"):
+        store.write_whole(tmp_path / "nowhere" / "a.result", store.encode(result))
 
 
 def test_an_old_result_survives_a_write_that_fails(
@@ -128,16 +129,6 @@ def test_an_old_result_survives_a_write_that_fails(
         store.write_whole(path, store.encode(dataclasses.replace(result, seed=4)))
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.result"]
-
-
-def test_a_missing_folder_is_an_error(result: Result, tmp_path: Path) -> None:
-    with pytest.raises(ResultError, match="No such file"):
-        store.write_whole(tmp_path / "nowhere" / "a.result", store.encode(result))
-
-
-def test_provenance_that_json_cannot_hold_is_refused(result: Result, tmp_path: Path) -> None:
-    with pytest.raises(ResultError, match=r"walk 'walk 7'.*JSON"):
-        store.write_whole(tmp_path / "a.result", store.encode(dataclasses.replace(result, provenance={"x": object()})))
 
 
 def test_keys_ignore_order_and_nothing_else() -> None:

@@ -53,14 +53,15 @@ def test_random_recordings_are_found(strides) -> None:
     assert "randomness" in found["walks load twice the same"]
 
 
-def test_a_foreign_id_is_found(strides) -> None:
+def test_what_a_task_gives_away_or_lacks_is_found(strides, task_maker) -> None:
     found = failures(check_task(altered(strides, lambda recording: dataclasses.replace(recording, id="walk-a"))))
     assert "ids must agree" in found["walks load twice the same"]
-
-
-def test_a_reference_in_the_briefing_is_found(strides) -> None:
     task = dataclasses.replace(strides, radio_map=lambda recording: leaking_survey(recording))
     assert "is the reference" in failures(check_task(task))["the briefing holds no truth"]
+    task = task_maker({"accel": 24}, tell_start=lambda recording: Start(xy_m=[500.0, 0.0], level=0))
+    assert "from where the reference begins" in failures(check_task(task))["the briefed start is where the walk begins"]
+    task = task_maker({"accel": 24}, walks={"train": ("walk-a",)})
+    assert "no test split" in failures(check_task(task))["splits are there"]
 
 
 def leaking_survey(recording):
@@ -99,11 +100,6 @@ def test_own_scans_in_the_radio_map_are_found(task_maker) -> None:
     assert list(found) == ["the radio map leaves out the walk's own scans"]
 
 
-def test_a_start_elsewhere_is_found(task_maker) -> None:
-    task = task_maker({"accel": 24}, tell_start=lambda recording: Start(xy_m=[500.0, 0.0], level=0))
-    assert "from where the reference begins" in failures(check_task(task))["the briefed start is where the walk begins"]
-
-
 def test_a_given_position_that_is_scored_is_reported(strides) -> None:
     def score_all(recording):
         reference = recording.reference
@@ -126,11 +122,6 @@ def test_a_walk_that_stands_still_fails_the_check(strides) -> None:
 
     found = failures(check_task(altered(strides, freeze)))
     assert "does the pedestrian walk" in found["an oracle has no error, and standing still has more"]
-
-
-def test_missing_splits_are_found(task_maker) -> None:
-    task = task_maker({"accel": 24}, walks={"train": ("walk-a",)})
-    assert "no test split" in failures(check_task(task))["splits are there"]
 
 
 def test_a_task_that_does_not_load_says_so(strides) -> None:

@@ -11,14 +11,7 @@ from gymnasium.wrappers import FlattenObservation, TimeLimit
 
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.gym.env import LocalizationEnv, drive
-from pdrbench.gym.wrappers import (
-    UNHEARD_DBM,
-    DenseWifi,
-    LocalMap,
-    RelativeAction,
-    StartInObservation,
-    rasterise,
-)
+from pdrbench.gym.wrappers import UNHEARD_DBM, DenseWifi, LocalMap, RelativeAction, StartInObservation, rasterise
 from pdrbench.registry import make_localizer
 from pdrbench.trajectory import Start
 

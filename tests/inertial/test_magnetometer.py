@@ -9,11 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.inertial import (
-    LITERAL,
-    FieldParams,
-    navigate,
-)
+from pdrbench.inertial import LITERAL, FieldParams, navigate
 from pdrbench.inertial.magnetometer import FieldGate
 from pdrbench_sim.foot.known_walk import walk
 

@@ -9,14 +9,7 @@ import pytest
 from scipy.signal import firwin
 
 from pdrbench.errors import RecordingError, UnknownNameError, UnsuitableError
-from pdrbench.inertial.step_detection import (
-    STAGES,
-    StepDetector,
-    StepParams,
-    Steps,
-    find_steps,
-    lowpass_taps,
-)
+from pdrbench.inertial.step_detection import STAGES, StepDetector, StepParams, Steps, find_steps, lowpass_taps
 
 G = 9.80665
 RATE_HZ = 50.0

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import (
-    FootStates,
-    Rest,
-    StrideParams,
-    StrideSegmenter,
-    find_strides,
-)
+from pdrbench.inertial import FootStates, Rest, StrideParams, StrideSegmenter, find_strides
 
 RATE_HZ = 200.0
 

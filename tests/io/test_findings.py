@@ -153,8 +153,10 @@ def test_a_fault_is_found(phone_walk: Rows, change: Callable[[Rows], None], seve
     assert all(finding.where and finding.seen and finding.remedy for finding in found)
 
 
-def test_a_good_walk_has_no_fault(phone_walk: Rows) -> None:
+def test_a_good_walk_has_no_fault_and_nothing_to_read_is_refused(phone_walk: Rows) -> None:
     assert examine({name: phone_walk[name] for name in SENSORS}) == ()
+    with pytest.raises(RecordingError, match="no row of any sensor"):
+        assemble(Path("walk.csv"), {"accel": np.full((3, 4), np.nan)})
 
 
 @pytest.mark.parametrize("change", [running, running_from_end_to_end])
@@ -191,11 +193,6 @@ def test_a_clock_that_goes_back_is_refused_or_listed(phone_walk: Rows, strict: b
     else:
         log = assemble(Path("walk.csv"), streams, strict=False)
         assert [finding.code for finding in log.findings if finding.severity == "error"] == ["clock-back"]
-
-
-def test_nothing_to_read() -> None:
-    with pytest.raises(RecordingError, match="no row of any sensor"):
-        assemble(Path("walk.csv"), {"accel": np.full((3, 4), np.nan)})
 
 
 @pytest.fixture(scope="module")

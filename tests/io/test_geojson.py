@@ -47,10 +47,12 @@ def test_round_trip_keeps_every_bit(
     assert again.polygons[0].outline_xy_m.tobytes() == building.polygons[0].outline_xy_m.tobytes()
 
 
-def test_round_trip_of_holes_connections_and_kinds(tmp_path: Path) -> None:
+def test_round_trip_of_holes_connections_and_kinds_and_a_missing_file(tmp_path: Path) -> None:
     geojson.write(make_building(), tmp_path / "b.geojson")
     assert geojson.read(tmp_path / "b.geojson") == make_building()
     assert [p.name for p in tmp_path.iterdir()] == ["b.geojson"]
+    with pytest.raises(MapError, match="cannot be read"):
+        geojson.read(tmp_path / "none.geojson")
 
 
 def test_a_byte_order_mark_and_crlf_are_accepted(tmp_path: Path) -> None:
@@ -65,11 +67,6 @@ def test_a_file_that_is_no_building(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.geojson").write_bytes(content)
     with pytest.raises(MapError, match=r"bad\.geojson"):
         geojson.read(tmp_path / "bad.geojson")
-
-
-def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(MapError, match="cannot be read"):
-        geojson.read(tmp_path / "none.geojson")
 
 
 def change(*path: object, to: object) -> Callable[[dict[str, Any]], None]:

@@ -56,9 +56,11 @@ def test_all_faults_are_told_at_once_in_words() -> None:
     assert "sensors_used" not in said and "Expected" not in said and "pattern" not in said
 
 
-def test_not_utf8_is_refused() -> None:
+def test_what_is_no_utf8_and_a_class_without_a_card_are_refused() -> None:
     with pytest.raises(BundleError):
         read_card(b'name = "\xff"')
+    with pytest.raises(BundleError, match="submit card"):
+        card_of("my_localizer.py:Mine")
 
 
 def test_the_template_has_every_field_and_is_refused_until_it_is_filled_in() -> None:
@@ -78,8 +80,3 @@ def test_every_registered_localizer_has_a_card() -> None:
     cards = {name: card_of(name) for name in localizers()}
     assert {name: card.name for name, card in cards.items()} == {name: name for name in cards}
     assert {sensor for card in cards.values() for sensor in card.sensors_used} <= set(SENSORS)
-
-
-def test_a_class_of_a_file_needs_a_card_of_its_own() -> None:
-    with pytest.raises(BundleError, match="submit card"):
-        card_of("my_localizer.py:Mine")

@@ -282,10 +282,7 @@ def record_of_another(folder: Path) -> None:
 
 
 ENTRIES: dict[str, tuple[Callable[[Path], None], str]] = {
-    "has no signature in its record": (
-        lambda f: write_signed(f, signature="", key=""),
-        "not signed",
-    ),
+    "has no signature in its record": (lambda f: write_signed(f, signature="", key=""), "not signed"),
     "is signed by a stranger": (signed_by_stranger, "does not list"),
     "is signed by a stranger in another's name": (strangers_name, "not of this text"),
     "is signed with a revoked key": (

@@ -150,9 +150,7 @@ def test_nothing_changes_that_is_measured_in_the_building(walk: Recording, rng: 
     assert (there.contains(MOTION.places(outside_m), 0) == office.contains(outside_m, 0)).all()
     ends_m = xy_m + rng.normal(0, 3, xy_m.shape)
     for was, now in zip(
-        office.move(polygon, xy_m, ends_m),
-        there.move(polygon, MOTION.places(xy_m), MOTION.places(ends_m)),
-        strict=True,
+        office.move(polygon, xy_m, ends_m), there.move(polygon, MOTION.places(xy_m), MOTION.places(ends_m)), strict=True
     ):
         assert (was == now).all()
     steps_m = [np.hypot(*np.diff(one, axis=0).T) for one in (xy_m, MOTION.places(xy_m))]

@@ -146,10 +146,11 @@ def test_a_walk_that_fails_has_no_values(played: Settings) -> None:
     assert set(found.values["p75_m"]) == {None}
 
 
-def test_one_run_gives_both_divisions(played: Settings) -> None:
+def test_one_run_gives_both_divisions_and_metrics_are_known(played: Settings) -> None:
     online, offline = record.read_entry(played.root / "toy" / "lags")[0].parts[0].divisions
     assert (online.division, offline.division) == ("online", "offline")
     assert record.numbers(online.values["mean_m"]).max() < record.numbers(offline.values["mean_m"]).min()
+    assert set(score.METRICS.values()) <= set(METRICS)
 
 
 def test_registered_localizers_bring_their_card_and_others_need_one(
@@ -166,10 +167,6 @@ def test_changed_answers_are_found(played: Settings, tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes() + b"x")
     with pytest.raises(BundleError, match="not the one"):
         record.read_entry(path.parent)
-
-
-def test_metrics_of_entries_are_known() -> None:
-    assert set(score.METRICS.values()) <= set(METRICS)
 
 
 def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(

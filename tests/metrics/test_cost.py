@@ -17,8 +17,10 @@ def test_step_times_are_in_milliseconds() -> None:
     assert step_percentile_ms(step_s, quantile=1.0) == pytest.approx(4.0)
 
 
-def test_realtime_factor_is_computing_over_walking() -> None:
+def test_realtime_factor_and_missing_answers() -> None:
     assert realtime_factor(np.array([0.01, 0.03]), 0.2) == pytest.approx(0.1)
+    assert missed({"nan": 3, "late": 2}) == 5.0
+    assert missed({}) == 0.0
 
 
 def test_unknown_costs_are_nan() -> None:
@@ -29,8 +31,3 @@ def test_unknown_costs_are_nan() -> None:
     assert math.isnan(startup_s(None))
     assert math.isnan(missed(None))
     assert math.isnan(peak_mb(None))
-
-
-def test_every_reason_of_a_missing_answer_counts() -> None:
-    assert missed({"nan": 3, "late": 2}) == 5.0
-    assert missed({}) == 0.0

@@ -64,12 +64,9 @@ def test_outside_means_on_no_floor_polygon_of_the_level() -> None:
     assert outside_pct(answers(places, level), two_rooms(), tolerance_m=0.01) == pytest.approx(100 * 2 / 8)
 
 
-def test_a_gap_between_floors_within_the_tolerance_is_not_outside() -> None:
+def test_gaps_within_the_tolerance_are_inside_and_missing_answers_hold_the_last_one() -> None:
     rooms = (closed("a", rectangle(0, 0, 5, 5)), closed("b", rectangle(5.001, 0, 9, 5)))
     assert outside_pct(answers([[5.0005, 2.0]]), Building("gap", rooms)) == 0.0
-
-
-def test_missing_answers_hold_the_last_one_and_before_the_first_nothing_counts() -> None:
     nan = [math.nan, math.nan]
     assert outside_pct(answers([nan, [5.0, 50.0], nan, nan, [5.0, 5.0]]), two_rooms()) == 75.0
 

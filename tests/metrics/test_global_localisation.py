@@ -57,10 +57,13 @@ def test_ten_seconds_are_enough_and_less_are_not() -> None:
     assert convergence_s(*make_walk([NEAR] * 10 + [FAR] * 11)[:2]) == math.inf
 
 
-def test_the_wrong_level_is_not_within() -> None:
+def test_on_the_wrong_level_and_without_convergence_there_is_none() -> None:
     level = np.array([1.0] * 12 + [0.0] * 12)
     assert convergence_s(*make_walk([NEAR] * 24, level)[:2]) == 12.0
     assert lost_count(*make_walk([NEAR] * 24, level[::-1])[:2]) == 1.0
+    held, reference, _ = make_walk([FAR] * 100)
+    assert convergence_s(held, reference) == math.inf
+    assert math.isnan(lost_count(held, reference)) and math.isnan(lost_share(held, reference))
 
 
 def test_a_walk_too_short_to_show_convergence_does_not_count() -> None:
@@ -89,12 +92,6 @@ def test_a_loss_lasts_until_the_next_convergence() -> None:
     assert lost_count(held, reference) == 1.0
     assert recovery_s(held, reference) == 20.0
     assert lost_share(held, reference) == pytest.approx(20 / 99)
-
-
-def test_without_convergence_there_is_neither_loss_nor_recovery() -> None:
-    held, reference, _ = make_walk([FAR] * 100)
-    assert convergence_s(held, reference) == math.inf
-    assert math.isnan(lost_count(held, reference)) and math.isnan(lost_share(held, reference))
 
 
 def test_a_permanent_loss_has_an_infinite_recovery_time() -> None:

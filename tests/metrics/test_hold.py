@@ -113,10 +113,7 @@ def test_missing_answers_score_as_the_last_answer_repeated(seed: int, count: int
     row = np.minimum(np.arange(count), last)
     repeated = make_answers(estimates.t_s, estimates.xy_m[row], estimates.level[row])
     xy_m = np.where(np.arange(count)[:, None] > last, math.nan, estimates.xy_m)
-    silenced = {
-        "crashed": cut(estimates, last + 1),
-        "NaN": make_answers(estimates.t_s, xy_m, estimates.level),
-    }
+    silenced = {"crashed": cut(estimates, last + 1), "NaN": make_answers(estimates.t_s, xy_m, estimates.level)}
     wanted = score(repeated, reference, None, FALLBACK, period_s=1.0)
     for silent in silenced.values():
         got = score(silent, reference, None, FALLBACK, period_s=1.0)

@@ -27,10 +27,7 @@ from pdrbench.metrics.inertial import (
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 ORIGIN = Start(xy_m=np.zeros(2), level=0, heading_rad=1.0)
-HEADING_METRICS = (
-    *(heading_mean_deg, heading_percentile_deg, heading_bias_deg, heading_drift_degpmin),
-    heading_share,
-)
+HEADING_METRICS = (*(heading_mean_deg, heading_percentile_deg, heading_bias_deg, heading_drift_degpmin), heading_share)
 
 
 def make_reference(xy_m: np.ndarray, *, period_s: float = 1.0, surveyed: object = True) -> Trajectory:

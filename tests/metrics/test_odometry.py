@@ -199,19 +199,13 @@ def loop_of_two_rows(xy_m: np.ndarray) -> dict[str, float]:
     return score(answer(make_reference(xy_m), xy_m), both_ends, None, ORIGIN)
 
 
-def test_a_loop_of_which_both_ends_are_known_is_as_long_as_the_estimate() -> None:
+def test_a_loop_of_two_rows_is_as_long_as_the_estimate() -> None:
     corners = np.array([[0, 0], [30, 0], [30, 10], [0, 10], [0.3, 0.4]], dtype=float)
     length_m = 30 + 10 + 30 + math.hypot(0.3, 9.6)
     assert loop_of_two_rows(corners)["loop_closure_pct"] == pytest.approx(100 * 0.5 / length_m)
-
-
-def test_staying_at_the_start_of_such_a_loop_does_not_close_it() -> None:
     wavering = np.array([[0, 0], [0.9, 0], [0, 0.9], [0, 0]], dtype=float)
     assert math.isnan(loop_of_two_rows(wavering)["loop_closure_pct"])
     assert loop_of_two_rows(1.2 * wavering)["loop_closure_pct"] == 0.0
-
-
-def test_two_rows_apart_are_no_loop() -> None:
     reference = make_reference(np.array([[0.0, 0.0], [0.5, 0.0]]), t_s=9.0 * np.arange(2))
     track = answer(make_reference(straight(10)), straight(10))
     assert math.isnan(score(track, reference, None, ORIGIN)["loop_closure_pct"])

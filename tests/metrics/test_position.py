@@ -54,9 +54,12 @@ def test_known_errors() -> None:
     ]
 
 
-def test_success_counts_the_limit_itself() -> None:
+def test_the_limit_counts_as_success_and_only_surveyed_rows_are_scored() -> None:
     held, reference = with_errors([1.0, 2.0, 3.0, 4.0])
     assert [success(held, reference, within_m=limit) for limit in (0.999, 1.0, 3.0, 10.0)] == [0.0, 0.25, 0.75, 1.0]
+    reference = make_reference(np.zeros((3, 2)), surveyed=[True, False, True])
+    held = held_on(reference, [[1.0, 0.0], [50.0, 0.0], [3.0, 0.0]])
+    assert errors_m(held, reference).tolist() == [1.0, 3.0]
 
 
 def test_opposite_errors_cancel_in_the_bias_alone() -> None:
@@ -65,12 +68,6 @@ def test_opposite_errors_cancel_in_the_bias_alone() -> None:
     assert bias_m(held, reference) == 0.0
     assert mean_m(held, reference) == 2.0
     assert covariance_m2(held, reference).tolist() == [[4.0, 0.0], [0.0, 0.0]]
-
-
-def test_only_surveyed_rows_are_scored() -> None:
-    reference = make_reference(np.zeros((3, 2)), surveyed=[True, False, True])
-    held = held_on(reference, [[1.0, 0.0], [50.0, 0.0], [3.0, 0.0]])
-    assert errors_m(held, reference).tolist() == [1.0, 3.0]
 
 
 def test_ecdf_is_a_right_continuous_step_function() -> None:
@@ -92,10 +89,14 @@ def test_pooled_scores_weigh_samples_not_walks() -> None:
 # Along the path ------------------------------------------------------------------------------------------------
 
 
-def test_across_the_path_is_invisible_and_along_it_is_not() -> None:
+def test_along_the_path_the_nearer_pass_counts_and_standing_still_has_no_path() -> None:
     reference = make_reference([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
     held = held_on(reference, reference.xy_m + np.array([2.0, 7.0]))
     assert along_path_errors_m(held, reference) == pytest.approx([2.0, 2.0, 0.0])
+    there_and_back = make_reference([[0.0, 0.0], [20.0, 0.0], [0.0, 0.0]], surveyed=[False, False, True])
+    assert along_path_errors_m(held_on(there_and_back, [3.0, 1.0]), there_and_back) == pytest.approx([3.0])
+    reference = make_reference(np.ones((3, 2)))
+    assert along_path_errors_m(held_on(reference, [9.0, 9.0]), reference).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_the_path_turns_corners() -> None:
@@ -114,16 +115,6 @@ def test_on_a_loop_the_shorter_arc_counts() -> None:
     open_end = make_reference(square[:-1], surveyed=[False, True, False, False])
     held = held_on(open_end, [0.0, 10.0])
     assert along_path_errors_m(held, open_end) == pytest.approx([20.0])
-
-
-def test_of_two_passes_over_one_place_the_nearer_one_counts() -> None:
-    there_and_back = make_reference([[0.0, 0.0], [20.0, 0.0], [0.0, 0.0]], surveyed=[False, False, True])
-    assert along_path_errors_m(held_on(there_and_back, [3.0, 1.0]), there_and_back) == pytest.approx([3.0])
-
-
-def test_standing_still_has_no_path() -> None:
-    reference = make_reference(np.ones((3, 2)))
-    assert along_path_errors_m(held_on(reference, [9.0, 9.0]), reference).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_pauses_on_the_way_change_nothing() -> None:

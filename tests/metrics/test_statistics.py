@@ -94,9 +94,10 @@ def test_a_fraction_stays_between_zero_and_one() -> None:
     assert interval(np.arange(5.0), scale="fraction") == interval(np.arange(5.0), scale="size")
 
 
-def test_equal_walks_have_an_interval_of_no_width() -> None:
+def test_equal_walks_have_an_interval_of_no_width_and_no_difference_is_no_evidence() -> None:
     for scale, value in (("any", -0.1), ("size", 0.1), ("size", 0.0), ("fraction", 1.0)):
         assert interval(np.full(7, value), scale=scale) == pytest.approx((value, value), abs=1e-12)
+    assert p_of(np.zeros(8)) == 1.0
 
 
 def test_order_and_nan_change_nothing() -> None:
@@ -208,17 +209,10 @@ def test_many_walks_are_tested_by_random_flips() -> None:
     assert p_of(np.ones(60), draws=999) == 1 / 1000  # never 0
 
 
-def test_no_difference_is_no_evidence() -> None:
-    assert p_of(np.zeros(8)) == 1.0
-
-
-def test_holm_of_known_values() -> None:
+def test_holm_of_known_values_without_pairs_that_were_not_tested() -> None:
     assert holm([0.01, 0.04, 0.03, 0.005]).tolist() == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.6, 0.9]).tolist() == [1.0, 1.0]
     assert holm([]).tolist() == []
-
-
-def test_holm_leaves_out_pairs_that_were_not_tested() -> None:
     adjusted = holm([0.01, math.nan, 0.04])
     assert adjusted[[0, 2]].tolist() == [0.02, 0.04]
     assert math.isnan(adjusted[1])

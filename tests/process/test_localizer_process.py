@@ -130,12 +130,7 @@ def start(odd: Path) -> Iterator[Start]:
     """Starts a class of the file; its process is ended with the test."""
     started = []
 
-    def begin(
-        name: str,
-        budget: Budget = BUDGET,
-        limits: Limits = LIMITS,
-        **parameters: object,
-    ) -> LocalizerProcess:
+    def begin(name: str, budget: Budget = BUDGET, limits: Limits = LIMITS, **parameters: object) -> LocalizerProcess:
         terms = Terms("process", budget, 0.2, 1000, limits)
         localizer = LocalizerProcess(f"{odd}:{name}", f"{odd}:{name}", parameters=parameters, terms=terms)
         started.append(localizer)

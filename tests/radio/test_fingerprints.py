@@ -33,11 +33,8 @@ def test_readings_lie_by_access_point() -> None:
     assert table.reading_dbm.tolist() == [-70.0, -50.0, -55.0, -40.0]
 
 
-def test_a_survey_without_fresh_readings_is_empty() -> None:
+def test_a_survey_without_fresh_readings_is_empty_and_strength_grows_from_zero() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=-1.0)
     assert table.rssi_dbm.shape == (3, 0)
     assert not len(table.access_point) and not len(table.reading_dbm)
-
-
-def test_strength_grows_from_zero_at_missing() -> None:
     assert strength(np.array([UNHEARD_DBM, -120.0, -90.0]), 2.0).tolist() == [0.0, 0.0, 100.0]

@@ -26,10 +26,7 @@ def make_recording(walk: str) -> Recording:
     """A straight walk of 19 m; the second half is on level 1."""
     t_s = np.arange(float(STEPS))
     reference = Trajectory(
-        t_s=t_s,
-        xy_m=np.column_stack([t_s, np.zeros(STEPS)]),
-        level=(t_s >= STEPS / 2).astype(int),
-        surveyed=t_s > 0,
+        t_s=t_s, xy_m=np.column_stack([t_s, np.zeros(STEPS)]), level=(t_s >= STEPS / 2).astype(int), surveyed=t_s > 0
     )
     return Recording(id=walk, building=None, streams={}, reference=reference)
 

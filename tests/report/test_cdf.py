@@ -24,10 +24,13 @@ def test_curve_jumps_at_an_error_and_holds_until_the_next() -> None:
     assert at == {1.9: 0.0, 2.0: 0.25, 3.9: 0.25, 4.0: 0.75, 7.9: 0.75, 8.0: 1.0}
 
 
-def test_legend_carries_the_values() -> None:
+def test_legend_carries_the_values_of_those_that_have_errors() -> None:
     ax = Figure().add_subplot()
     draw_cdf(ax, [entry({"a": [3.0] * 9})], {"one": estimate_style(0)})
     assert ax.get_legend().get_texts()[0].get_text() == "one: median 3.00 m, P95 3.00 m"
+    ax = Figure().add_subplot()
+    draw_cdf(ax, [entry({"a": []})], {"one": estimate_style(0)})
+    assert ax.get_legend() is None
 
 
 def test_axis_is_not_squeezed_by_one_far_tail() -> None:
@@ -35,9 +38,3 @@ def test_axis_is_not_squeezed_by_one_far_tail() -> None:
     assert x_limit_m([4.0, 5.0, 500.0]) == 10.0
     assert x_limit_m([0.0]) > 0
     assert x_limit_m([]) > 0
-
-
-def test_localizer_without_errors_is_left_out() -> None:
-    ax = Figure().add_subplot()
-    draw_cdf(ax, [entry({"a": []})], {"one": estimate_style(0)})
-    assert ax.get_legend() is None

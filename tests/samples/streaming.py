@@ -31,11 +31,7 @@ from pdrbench_sim.record import IN_HAND, make_scene, simulate_walk
 TOKEN: Final = "a-token"
 PACKET_S: Final = 0.25
 BEGIN_NS: Final = 1_698_501_144_401_404_000
-COLUMNS: Final = {
-    "gyro": ("gyroscope", "xyz"),
-    "mag": ("magnetometer", "xyz"),
-    "baro": ("barometer", ("pressure",)),
-}
+COLUMNS: Final = {"gyro": ("gyroscope", "xyz"), "mag": ("magnetometer", "xyz"), "baro": ("barometer", ("pressure",))}
 BUFFERS: Final = {"accel": ("accelerometer", "acc"), "gyro": ("gyroscope", "gyr"), "mag": ("magnetic_field", "mag")}
 
 

@@ -25,8 +25,10 @@ COLUMNS = {
 }
 
 
-def test_every_sensor_of_the_contract_is_listed_and_no_other() -> None:
+def test_sensors_are_those_of_the_contract_and_unknown_ones_get_a_suggestion() -> None:
     assert set(SENSORS) == set(COLUMNS)
+    with pytest.raises(UnknownNameError, match="did you mean 'accel'"):
+        sensor_spec("acel")
 
 
 @pytest.mark.parametrize("name", sorted(COLUMNS))
@@ -43,15 +45,12 @@ def test_largest_identifier_is_exact_in_float64() -> None:
         assert np.nextafter(largest, 0) > 2**48 - 2  # neighbouring numbers stay apart
 
 
-def test_unknown_sensor_gets_a_suggestion() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean 'accel'"):
-        sensor_spec("acel")
-
-
-def test_pascals_run_into_the_bounds_and_hectopascals_fit() -> None:
+def test_pascals_run_into_the_bounds_and_gravity_and_a_running_foot_fit() -> None:
     assert len(SensorStream(sensor_spec("baro"), np.array([[0.0, 1013.25], [0.1, 950.0]])).t_s) == 2
     with pytest.raises(RecordingError, match="pressure_hpa is 101325"):
         SensorStream(sensor_spec("baro"), np.array([[0.0, 101325.0]]))
+    rows = np.array([[0.0, 0.0, 0.0, 9.81], [0.01, 90.0, -90.0, 176.0]])
+    assert len(SensorStream(sensor_spec("accel"), rows).t_s) == 2
 
 
 def test_degrees_and_milligauss_run_into_the_bounds() -> None:
@@ -59,8 +58,3 @@ def test_degrees_and_milligauss_run_into_the_bounds() -> None:
         SensorStream(sensor_spec("gyro"), np.array([[0.0, 300.0, 0.0, 0.0]]))
     with pytest.raises(RecordingError, match="z_mps2 is 981"):
         SensorStream(sensor_spec("accel"), np.array([[0.0, 0.0, 0.0, 981.0]]))
-
-
-def test_gravity_and_a_running_foot_fit() -> None:
-    rows = np.array([[0.0, 0.0, 0.0, 9.81], [0.01, 90.0, -90.0, 176.0]])
-    assert len(SensorStream(sensor_spec("accel"), rows).t_s) == 2

@@ -20,15 +20,14 @@ def read(errors: BarometerErrors, t_s=MINUTE_S, z_m=0.0, seed: int = 0) -> np.nd
     return measure(t_s, z_m, np.random.default_rng(seed), errors)
 
 
-def test_a_perfect_barometer_falls_by_012_hpa_a_metre():
+def test_a_barometer_falls_by_012_hpa_a_metre_with_white_noise_within_the_sensor():
     pressure_hpa = read(replace(PERFECT, offset_hpa=-3.0), np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, -3.0]))
     np.testing.assert_allclose(pressure_hpa, SEA_LEVEL_HPA - 3.0 + np.array([0.0, -0.12, 0.36]))
-
-
-def test_noise_is_white():
     noise = read(replace(PERFECT, noise_hpa=0.02), np.arange(20_000) / 10) - SEA_LEVEL_HPA
     assert noise.std() == pytest.approx(0.02, rel=0.02)  # 0.5 % of standard error
     assert abs(np.mean(noise[1:] * noise[:-1])) < 0.02**2 * 0.03
+    rows = np.column_stack([MINUTE_S, read(draw_barometer(np.random.default_rng(6)), z_m=300.0)])
+    assert len(SensorStream(sensor_spec("baro"), rows).t_s) == 600
 
 
 def test_weather_walks_with_the_square_root_of_time_however_it_is_sampled():
@@ -96,11 +95,6 @@ def test_a_component_that_is_switched_off_does_not_change_the_others(part: str):
     without = replace(errors, **{part: 0.0})
     together = read(without, seed=5) + read(alone, seed=5) - SEA_LEVEL_HPA
     np.testing.assert_allclose(together, read(errors, seed=5), atol=1e-9)
-
-
-def test_rows_fit_the_sensor():
-    rows = np.column_stack([MINUTE_S, read(draw_barometer(np.random.default_rng(6)), z_m=300.0)])
-    assert len(SensorStream(sensor_spec("baro"), rows).t_s) == 600
 
 
 @pytest.mark.parametrize(

@@ -297,9 +297,12 @@ def test_scale_and_misalignment_are_drawn_apart():
     assert not np.allclose(both, one)
 
 
-def test_a_longer_walk_begins_like_a_shorter_one():
+def test_a_longer_walk_begins_like_a_shorter_one_and_unknown_units_suggest_the_nearest():
     long, short = (measure(PROFILES["mtx"], at_rest(duration_s, 240.0)) for duration_s in (20.0, 10.0))
     np.testing.assert_allclose(long.gyro[:1200], short.gyro[:1200], atol=1e-12)
+    assert imu_profile("phone_mid") is PROFILES["phone_mid"]
+    with pytest.raises(UnknownNameError, match="no inertial unit named 'mtx81'; did you mean 'mtx18'"):
+        imu_profile("mtx81")
 
 
 # Errors after navigation
@@ -330,12 +333,6 @@ def test_free_inertial_navigation_drifts_by_hundreds_of_metres_in_a_minute():
 
 
 # Bad input
-
-
-def test_unknown_units_suggest_the_nearest_name():
-    assert imu_profile("phone_mid") is PROFILES["phone_mid"]
-    with pytest.raises(UnknownNameError, match="no inertial unit named 'mtx81'; did you mean 'mtx18'"):
-        imu_profile("mtx81")
 
 
 def spoilt(**changes) -> Measured:

@@ -175,9 +175,11 @@ def test_a_unit_in_the_sole_stands_lower(hall: Building) -> None:
     assert motion.xyz_m[-1, 2] == pytest.approx(UNIT_HEIGHT_M - 0.06, abs=0.003)
 
 
-def test_bad_site() -> None:
+def test_bad_site_and_time_are_refused(hall: Building, rng: np.random.Generator) -> None:
     with pytest.raises(FootSiteError, match="planted"):
         FootSite(planted=1.5)
+    with pytest.raises(MotionError, match="end_s"):
+        foot_motion(hall, straight(3), rng, end_s=0.0)
 
 
 def test_a_standing_foot_trembles(hall: Building) -> None:
@@ -196,8 +198,3 @@ def test_learned_strides_close(name: str) -> None:
     np.testing.assert_allclose(shape.mean[-1] - shape.mean[0], [1, 0, 0, 0, 0, 0], atol=1e-6)
     np.testing.assert_allclose(shape.modes[:, [0, -1]], 0.0, atol=1e-6)
     assert (np.diff(shape.mean[:, 0]) > -2e-3).all()
-
-
-def test_bad_time(hall: Building, rng: np.random.Generator) -> None:
-    with pytest.raises(MotionError, match="end_s"):
-        foot_motion(hall, straight(3), rng, end_s=0.0)

@@ -14,13 +14,7 @@ from pdrbench_sim.people.strides import stances
 from pdrbench_sim.people.walk import SimulatedWalk
 from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.phone.carry import PLACES, CarryParams
-from pdrbench_sim.phone.containers import (
-    CartParams,
-    pendulum_rad,
-    second_difference,
-    stretched_m,
-    wheel_vibration_m,
-)
+from pdrbench_sim.phone.containers import CartParams, pendulum_rad, second_difference, stretched_m, wheel_vibration_m
 from pdrbench_sim.phone.gait import GaitMotionParams
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.phone.population import KINDS, PhoneManner, draw_bearer, rigid_rise_mps2

@@ -49,10 +49,13 @@ def test_a_person_moves_smoothly(paths, person):
         assert np.quantile(turn_radps, 0.999) < math.radians(130)
 
 
-def test_height_follows_the_floor_to_a_riser(office, paths):
+def test_height_follows_the_floor_and_way_and_time_are_inverse(office, paths, walks):
     for path in paths:
         assert np.abs(path.z_m - office.height(path.polygon)).max() < 0.18
         assert np.abs(np.diff(path.z_m)).max() < 0.02 * 1.5 * 0.75  # 1.5 m/s on a slope of 0.18 / 0.28
+    bout = walks[0].bouts[0]
+    t_s = np.linspace(bout.t_s[0] + 0.01, bout.t_s[-1] - 0.01, 500)
+    np.testing.assert_allclose(bout.time_s(bout.way_m(t_s)), t_s, atol=1e-6)
 
 
 def test_bouts_join_without_a_jump(walks):
@@ -61,12 +64,6 @@ def test_bouts_join_without_a_jump(walks):
             np.testing.assert_allclose(before.xy_m[-1], after.xy_m[0], atol=1e-9)
             assert before.polygon[-1] == after.polygon[0]
             assert before.speed_mps[-1] == after.speed_mps[0] == 0
-
-
-def test_way_and_time_are_inverse(walks):
-    bout = walks[0].bouts[0]
-    t_s = np.linspace(bout.t_s[0] + 0.01, bout.t_s[-1] - 0.01, 500)
-    np.testing.assert_allclose(bout.time_s(bout.way_m(t_s)), t_s, atol=1e-6)
 
 
 def test_no_pedestrian_sets_out_after_the_last_train(mesh, person):
@@ -221,9 +218,7 @@ def test_ways_of_walking_that_make_no_sense_are_named(wrong):
 def test_a_lift_carries_a_person_from_level_to_level(person, rng):
     building = make_office(rng, num_levels=2, area_m2=1500.0, params=OfficeParams(has_lifts=True))
     mesh = navigation_mesh(building)
-    cabins = sorted(
-        ((p.id.partition("/")[2], p.level, i) for i, p in enumerate(building.polygons) if p.kind == "lift"),
-    )
+    cabins = sorted(((p.id.partition("/")[2], p.level, i) for i, p in enumerate(building.polygons) if p.kind == "lift"))
     (_, _, low), (_, _, high) = cabins[:2]
     middle_m = building.polygons[low].outline_xy_m.mean(axis=0)
     rooms = [draw_place(rng, mesh, level=level) for level in (0, 1)]

@@ -307,10 +307,7 @@ def test_a_table_and_a_recording_are_a_survey(tmp_path: Path) -> None:
         (SCANS.replace("-60", "100"), "line 3: rssi_dbm 100.*leave out what was not received"),
         (SCANS.replace("-60", ""), "line 3: rssi_dbm is ''"),
         (SCANS.replace("x_m,y_m", "lat_deg,lon_deg"), r"scans.csv are latitudes and longitudes.*add \[plan.align\]"),
-        (
-            "t,ax,ay,az,gx,gy,gz\n0.1,0,0,9.8,0,0,0\n0.2,0,0,9.9,0,0,0\n",
-            "scans.csv: no WiFi scan at a place",
-        ),
+        ("t,ax,ay,az,gx,gy,gz\n0.1,0,0,9.8,0,0,0\n0.2,0,0,9.9,0,0,0\n", "scans.csv: no WiFi scan at a place"),
     ],
 )
 def test_surveys_that_are_wrong(text: str, why: str, folder: Path) -> None:

@@ -12,12 +12,7 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.frank2009.localizer import (
-    FingerprintingParams,
-    Frank2009,
-    Frank2009Params,
-    WlanFrank2009,
-)
+from pdrbench_baselines.frank2009.localizer import FingerprintingParams, Frank2009, Frank2009Params, WlanFrank2009
 from pdrbench_sim.foot.known_walk import walk
 
 PLACES = [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [0.0, 30.0]]

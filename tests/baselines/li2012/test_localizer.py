@@ -19,11 +19,7 @@ from pdrbench.registry import make_localizer, make_task
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import no_survey
 from pdrbench.trajectory import Start
-from pdrbench_baselines.li2012.localizer import (
-    GENERIC,
-    Li2012,
-    Li2012Params,
-)
+from pdrbench_baselines.li2012.localizer import GENERIC, Li2012, Li2012Params
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilterParams
 from pdrbench_baselines.li2012.user_heading import facing
 

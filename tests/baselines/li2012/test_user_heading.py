@@ -15,10 +15,13 @@ def turned(axis: list[float], angle_rad: float) -> np.ndarray:
     return np.array([np.cos(angle_rad / 2), *(np.sin(angle_rad / 2) * unit)])
 
 
-def test_transform_is_equation_one() -> None:
+def test_transform_is_equation_one_and_a_phone_in_the_hand_points_ahead() -> None:
     carried = multiply(turned([0, 0, 1], 0.4), turned([1, 0.3, 0], 1.5))
     transform = to_user(carried, 0.9)
     assert multiply(facing(0.9), inverse(transform)) == pytest.approx(carried)  # V_h Q^-1 = V_p
+    heading = UserHeading(None)
+    assert heading.heading_rad(facing(0.7)) == pytest.approx(0.7)
+    assert heading.heading_rad(facing(-2.0)) == pytest.approx(-2.0)
 
 
 @pytest.mark.parametrize("start_rad", [-2.0, 0.3, 3.1])
@@ -43,9 +46,3 @@ def test_two_transforms_remove_alternating_errors() -> None:
     off = np.abs(np.array([one.heading_rad(a) for a in attitudes]) - truth)
     assert off[::2] == pytest.approx(0.0, abs=1e-9)
     assert off[1::2].min() > 0.05
-
-
-def test_a_phone_in_the_hand_points_ahead_where_no_heading_is_given() -> None:
-    heading = UserHeading(None)
-    assert heading.heading_rad(facing(0.7)) == pytest.approx(0.7)
-    assert heading.heading_rad(facing(-2.0)) == pytest.approx(-2.0)

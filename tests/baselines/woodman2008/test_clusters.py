@@ -98,13 +98,10 @@ def _sigma(xy_m: FloatArray, weight: IntArray) -> float:
     return math.sqrt(0.5 * (normed @ (xy_m - normed @ xy_m) ** 2).sum())
 
 
-def test_weights_of_any_size(stairs: Building) -> None:
+def test_weights_of_any_size_and_none(stairs: Building) -> None:
     found = cluster(cloud_of([0, 0], [[1, 1], [2, 1]], [1e-300, 3e-300]), stairs)
     assert found.fraction == pytest.approx([1.0])
     assert found.xy_m[0] == pytest.approx([1.75, 1.0])
-
-
-def test_no_particle_alive_is_no_cluster(stairs: Building) -> None:
     found = cluster(cloud_of([0, 0], [[1, 1], [2, 1]], [0.0, 0.0]), stairs)
     assert len(found) == 0
     assert found.label.tolist() == [NO_CLUSTER, NO_CLUSTER]

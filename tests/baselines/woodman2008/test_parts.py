@@ -56,12 +56,9 @@ def test_equals_the_mean_of_the_observed_values() -> None:
     assert drift.sigma_rad == pytest.approx(0.02 / np.sqrt(500), rel=1e-6)
 
 
-def test_turns_are_compared_the_short_way_round() -> None:
+def test_turns_are_compared_the_short_way_round_and_an_exactly_known_drift_is_not_estimated() -> None:
     drift = TurnDrift(0.0, 0.1, 0.1).observed(reported_rad=np.pi - 0.01, turned_rad=-np.pi + 0.01)
     assert drift.mean_rad == pytest.approx(-0.01)
-
-
-def test_an_exactly_known_drift_is_not_estimated() -> None:
     drift = TurnDrift(0.002, 0.0, 0.01)
     assert drift.observed(1.0, 0.5) is drift
 

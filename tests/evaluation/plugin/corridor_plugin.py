@@ -13,10 +13,7 @@ from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 
-ENVIRONMENTS = {
-    "Corridor-v0": "corridor_plugin:task",
-    "CorridorLost-v0": "corridor_plugin:lost_task",
-}
+ENVIRONMENTS = {"Corridor-v0": "corridor_plugin:task", "CorridorLost-v0": "corridor_plugin:lost_task"}
 LOCALIZERS: dict[str, str] = {}
 WALKS = {
     "train": tuple(f"train-{i}" for i in range(2)),

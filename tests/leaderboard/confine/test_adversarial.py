@@ -370,10 +370,7 @@ def runs(world: World, orphans: Any) -> dict[str, Swept]:
     with orphans() as adopted:
         found = sweep(
             world,
-            {
-                "out": (mixed([*SAYS, *PROBES, *SLOW_ONES]), 1, 2),
-                "notes": (mixed([*takes_notes, "KillsItself"]), 2, 1),
-            },
+            {"out": (mixed([*SAYS, *PROBES, *SLOW_ONES]), 1, 2), "notes": (mixed([*takes_notes, "KillsItself"]), 2, 1)},
         )
         left = adopted.left()
     temporary = [path.name for path in world.temporary.iterdir()]
@@ -466,16 +463,12 @@ def test_where_this_system_protects_the_tests_above_say_something(swept: Swept) 
     assert isolation["mode"] == "landlock+namespaces+seccomp"
 
 
-def test_a_track_with_future_times_changes_nothing(swept: Swept, honest: dict[str, bytes]) -> None:
+def test_failures_are_cut_and_do_not_reach_for_the_terminal_and_future_times_change_nothing(
+    swept: Swept, honest: dict[str, bytes]
+) -> None:
     for result in swept.by_name["FutureDated"]:
         assert result.estimates.xy_m.tobytes() == honest[result.walk]
-
-
-def test_garbage_is_cut(swept: Swept) -> None:
     assert all(len(result.failure) < 20_000 for results in swept.by_name.values() for result in results)
-
-
-def test_failures_do_not_reach_for_the_terminal(swept: Swept) -> None:
     for result in swept.by_name["Colours"]:
         assert not [c for c in result.failure if (ord(c) < 32 and c not in "\n\t") or 127 <= ord(c) < 160]
 

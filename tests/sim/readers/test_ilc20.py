@@ -85,10 +85,14 @@ def test_units_axes_and_names(tmp_path: Path) -> None:
         assert not rows.flags.writeable
 
 
-def test_time_zero_is_the_first_kept_row_even_where_it_is_written_last(tmp_path: Path) -> None:
+def test_times_begin_with_the_first_kept_row_and_rows_of_one_time_stay_in_file_order(tmp_path: Path) -> None:
     log = read(tmp_path, [row(-900, "BLUE", "x", -70), *sensors(), *waypoints(-500)])
     assert log.reference.t_s[0] == 0.0
     assert log.rows["accel"][0, 0] == 0.5
+    log = read(tmp_path, [wifi(400), wifi(200, FAR, -50), wifi(200, NEAR, -40)])
+    np.testing.assert_array_equal(log.rows["wifi"][:, 2], [-50.0, -40.0, -60.0])
+    log = read(tmp_path, [wifi(9000, seen_ms=1000), wifi(9000, FAR, seen_ms=9000)])
+    np.testing.assert_array_equal(log.rows["wifi"][:, 4], [8.0, 0.0])
 
 
 def test_file_order_is_not_time_order(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -100,11 +104,6 @@ def test_file_order_is_not_time_order(tmp_path: Path, rng: np.random.Generator) 
     assert (np.diff(ordered.rows["wifi"][:, 0]) > 0).all()
 
 
-def test_rows_of_one_time_stay_in_file_order(tmp_path: Path) -> None:
-    log = read(tmp_path, [wifi(400), wifi(200, FAR, -50), wifi(200, NEAR, -40)])
-    np.testing.assert_array_equal(log.rows["wifi"][:, 2], [-50.0, -40.0, -60.0])
-
-
 def test_rotation_vector_becomes_a_unit_quaternion(tmp_path: Path) -> None:
     """Half a turn about z is (0, 0, 1); a component sum just above 1, as phones write it, has qw 0."""
     halves = [("0.0", "0.0", "1.0"), ("0.6", "0.0", "0.80003"), ("0.5", "-0.5", "0.5"), ("0.0", "0.0", "0.0")]
@@ -113,11 +112,6 @@ def test_rotation_vector_becomes_a_unit_quaternion(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.linalg.norm(rotation[:, 1:], axis=1), 1.0, rtol=1e-15)
     np.testing.assert_allclose(rotation[:, 1], [0.0, 0.0, 0.5, 1.0], atol=1e-15)
     np.testing.assert_allclose(rotation[2, 1:], [0.5, 0.5, -0.5, 0.5], atol=1e-15)
-
-
-def test_wifi_age_is_time_since_last_seen(tmp_path: Path) -> None:
-    log = read(tmp_path, [wifi(9000, seen_ms=1000), wifi(9000, FAR, seen_ms=9000)])
-    np.testing.assert_array_equal(log.rows["wifi"][:, 4], [8.0, 0.0])
 
 
 def test_sightings_ahead_of_their_row(tmp_path: Path) -> None:
@@ -189,9 +183,14 @@ def test_numbers_of_any_form_equal_float(tmp_path: Path) -> None:
     assert log.rows["accel"][:, 1].tobytes() == log.rows["accel"][:, 2].tobytes() == expected.tobytes()
 
 
-def test_unknown_types_are_skipped_and_counted(tmp_path: Path) -> None:
+def test_unknown_types_and_repeated_rows_are_counted_and_two_places_at_one_time_refused(tmp_path: Path) -> None:
     log = read(tmp_path, [*sensors(), row(0, "DIST1", 1, 2, 3), row(5, "LIGHT", 9), row(6, "LIGHT", 9), row(7, "X")])
     assert log.report.skipped == {"TYPE_DIST1": 1, "TYPE_LIGHT": 2, "TYPE_X": 1}
+    log = read(tmp_path, [*sensors(), sensors()[0], *waypoints(0, 300), *waypoints(0)])
+    assert log.report.dropped == {"the same row twice": 2}
+    assert log.report.kept["accel"] == 20
+    with pytest.raises(RecordingError, match=r"two waypoints at 0\.010 s"):
+        read(tmp_path, [*waypoints(0, 10), row(10, "WAYPOINT", 1, 1)])
 
 
 def test_similar_types_are_not_confused(tmp_path: Path) -> None:
@@ -203,11 +202,7 @@ def test_similar_types_are_not_confused(tmp_path: Path) -> None:
     log = read(tmp_path, [*sensors(), *extra])
     assert log.report.kept["accel"] == 20
     assert "wifi" not in log.rows
-    assert log.report.skipped == {
-        "TYPE_ACCELEROMETER_UNCALIBRATED": 1,
-        "TYPE_WIFI2": 1,
-        "TYPE_ACCELEROMETE": 1,
-    }
+    assert log.report.skipped == {"TYPE_ACCELEROMETER_UNCALIBRATED": 1, "TYPE_WIFI2": 1, "TYPE_ACCELEROMETE": 1}
 
 
 @pytest.mark.parametrize("glue", [(5, 6), (81, 82), (85, 86), (87, 88)])
@@ -250,12 +245,6 @@ def test_radio_map_only_no_wifi_no_waypoint_and_late_waypoint(tmp_path: Path) ->
     assert "wifi" not in inertial.rows
     assert inertial.reference.t_s[-1] == 9.0 > inertial.rows["accel"][-1, 0]
     assert len(read(tmp_path, sensors()).reference) == 0
-
-
-def test_repeated_rows_are_dropped_and_counted(tmp_path: Path) -> None:
-    log = read(tmp_path, [*sensors(), sensors()[0], *waypoints(0, 300), *waypoints(0)])
-    assert log.report.dropped == {"the same row twice": 2}
-    assert log.report.kept["accel"] == 20
 
 
 def test_every_record_is_accounted_for(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -323,11 +312,6 @@ def test_clock_jumps_are_refused(tmp_path: Path) -> None:
         read(tmp_path, [*lines, row(-3_600_000, "GYROSCOPE", 0, 0, 0, 3)])
     with pytest.raises(RecordingError, match="nothing for 3600 s"):
         read(tmp_path, [*lines, *(row(t + 3_600_000, "GYROSCOPE", 0, 0, 0, 3) for t in (380, 400))])
-
-
-def test_two_places_at_one_time_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"two waypoints at 0\.010 s"):
-        read(tmp_path, [*waypoints(0, 10), row(10, "WAYPOINT", 1, 1)])
 
 
 @pytest.mark.parametrize(

@@ -72,14 +72,7 @@ class Drips(Forger):
             time.sleep(0.02)
 
 
-define(
-    globals(),
-    Forger,
-    "bytes",
-    {
-        "Twice": lambda self, number: [reply_to(number)],
-    },
-)
+define(globals(), Forger, "bytes", {"Twice": lambda self, number: [reply_to(number)]})
 define(
     globals(),
     ForgerThatRests,

@@ -57,11 +57,7 @@ class WalksMemory(Probe):
     """Every object that the interpreter and its frames refer to."""
 
     def attempts(self) -> dict[str, Attempt]:
-        return {
-            "types": (self.by_type, ALWAYS),
-            "frames": (self.by_frames, ALWAYS),
-            "rows": (self.rows_ahead, ALWAYS),
-        }
+        return {"types": (self.by_type, ALWAYS), "frames": (self.by_frames, ALWAYS), "rows": (self.rows_ahead, ALWAYS)}
 
     def by_type(self) -> bool:
         names = {"Recording", "Episode", "Task", "Job", "JobContext", "Item", "Setting", "Result"}
