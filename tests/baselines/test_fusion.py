@@ -23,7 +23,7 @@ from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import open_space
-from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence
+from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence, off_the_others
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
@@ -324,6 +324,23 @@ def test_without_a_plan_people_are_likelier_to_walk_where_the_survey_was_walked(
     along, aside = open_radio.walked[inside & (beside_m < 1.5)], open_radio.walked[inside & (beside_m > 8.0)]
     assert along.min() > aside.max() + 0.3 and np.ptp(along) < 0.1  # between scans as at them
     assert not RadioEvidence(corridor, BOTH, GpWifiParams(), 2.0).walked.any()
+
+
+def test_a_survey_says_how_often_the_next_walker_is_where_nobody_surveyed() -> None:
+    along = np.arange(0.5, 60.0, 3.0)
+
+    def survey(*ways: tuple[float, float, float]) -> RadioMap:
+        xy_m = np.concatenate([np.column_stack([x_m + dx * along, y_m + (1 - dx) * along]) for x_m, y_m, dx in ways])
+        walk, num = np.repeat(np.arange(len(ways)), len(along)), len(xy_m)
+        return RadioMap(
+            xy_m, np.zeros(num, int), walk, np.zeros(num + 1, int), np.zeros(0, int), np.zeros(0), np.zeros(0)
+        )
+
+    assert off_the_others(survey((0, 0, 1), (0, 1, 1))) == 1.0  # the same way twice tells nothing of others
+    assert off_the_others(survey((0, 0, 1), (0, 90, 1))) == 1.0
+    # two ways of twelve squares from one corner, and two that go on from their middle: of the former 0, 1 and 5 to 11
+    # are on or beside another, of the latter 0 to 6
+    assert off_the_others(survey((0, 0, 1), (0, 0, 0), (30, 0, 1), (0, 30, 0))) == pytest.approx(1 - (9 + 7) / 24)
 
 
 def test_scans_in_quick_succession_count_together_as_one(radio: RadioEvidence) -> None:
