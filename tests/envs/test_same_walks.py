@@ -70,7 +70,8 @@ def test_walks_are_their_copies_whatever_the_kernels(kind: str) -> None:
     variables = {"OPENBLAS_CORETYPE": core, "NPY_DISABLE_CPU_FEATURES": without}
     if kind == "least":  # sines of the C library of Linux, too
         variables["GLIBC_TUNABLES"] = "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F"
-    assert_same(check_elsewhere(COPIES, walks_at_hand()[kind == "least" :: 2], variables))  # one of each environment
+    walks = [walk for walk in walks_at_hand() if "Lost" not in walk]  # which are made as those with a start are
+    assert_same(check_elsewhere(COPIES, walks[kind == "least" :: 2], variables))  # one of each environment
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.units.motion import GRAVITY_MPS2
@@ -63,6 +62,8 @@ def resonance(driving: FloatArray, hz: float, damping: float, rate_hz: float) ->
         damping: z, over the critical one.
         rate_hz: Of the samples.
     """
+    from scipy.signal import bilinear, lfilter  # takes half a second, and walks without a phone need none of it
+
     omega = 2 * np.pi * hz
     numerator, denominator = bilinear([1.0], [1.0, 2 * damping * omega, omega**2], rate_hz)
     response: FloatArray = lfilter(numerator, denominator, driving)
@@ -124,6 +125,8 @@ def wheel_vibration_m(
 
 def _frame_m(push: FloatArray, hz: float, damping: float, rate_hz: float) -> FloatArray:
     """(n,) height of a frame for vertical velocities (n,) of the floor under its wheels; slow ones leak away."""
+    from scipy.signal import lfilter
+
     keep = np.exp(-2 * np.pi * 1.0 / rate_hz)  # ours: below 1 Hz a floor is even
     floor_m = lfilter([1 / rate_hz], [1.0, -keep], push)
     return resonance((2 * np.pi * hz) ** 2 * floor_m, hz, damping, rate_hz)

@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.signal import lfilter
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
@@ -117,6 +116,8 @@ def rotation_vector(
     Raises:
         RecordingError: Shapes that do not agree.
     """
+    from scipy.signal import lfilter  # takes half a second, and walks without a phone need none of it
+
     params = params or AttitudeErrorParams()
     count = len(t_s)
     if count < 2 or quaternion.shape != (count, 4) or field_ut.shape != (count, 3):
