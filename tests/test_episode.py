@@ -59,14 +59,11 @@ def test_every_row_is_delivered_once_in_order_and_never_early(gaps_s: list[float
     assert all((o["accel"][:, 0] <= o.now_s + 1e-6).all() and len(o["accel"]) <= capacity for o in observations)
 
 
-def test_the_last_observation_reaches_the_end() -> None:
+def test_the_last_observation_reaches_the_end_and_rows_that_fit_nowhere_are_an_error() -> None:
     for end_s, count in ((1.0, 3), (1.2, 4), (0.0001, 2)):
         observations = observe_all(make_episode([0.0], end_s))
         assert len(observations) == count
         assert observations[-1].now_s >= end_s
-
-
-def test_rows_that_can_never_be_delivered_are_an_error_not_a_loss() -> None:
     with pytest.raises(RecordingError, match="2 rows of 'accel' do not fit"):
         make_episode([1.0] * 5, 1.0, capacity=3)
 
@@ -220,10 +217,13 @@ def test_a_whole_walk_is_timed_step_by_step() -> None:
     assert np.isnan(result.estimates.sigma_m).all()
 
 
-def test_convergence_is_claimed_denied_or_left_open() -> None:
+def test_a_past_is_revised_and_convergence_claimed_in_their_order() -> None:
     claims = [True, False, None, np.bool_(True), None]
     result = run(Scripted(lambda step: Estimate(np.zeros(2), 0, converged=claims[step - 1])))  # type: ignore[arg-type]
     assert np.array_equal(result.estimates.converged, [1.0, 0.0, np.nan, 1.0, np.nan], equal_nan=True)
+    episode = make_episode([0.0], 1.0)
+    with pytest.raises(EstimateError, match="is not over"):
+        episode.revise(np.zeros((1, 4)))
 
 
 def revised(episode: Episode) -> Estimates:
@@ -264,12 +264,6 @@ def test_a_malformed_track_changes_nothing(track: object) -> None:
         episode.revise(track)
     result = episode.result(localizer="test", seed=0)
     assert result.revised is None and not result.estimates.xy_m.any()
-
-
-def test_a_past_is_revised_after_the_last_answer_only() -> None:
-    episode = make_episode([0.0], 1.0)
-    with pytest.raises(EstimateError, match="is not over"):
-        episode.revise(np.zeros((1, 4)))
 
 
 class Revising(Scripted):

@@ -126,13 +126,10 @@ def test_a_packed_folder_writes_into_its_place_in_the_cache_or_nowhere(
     assert (tmp_path / "home" / "cache" / "Mine-v1" / "task.toml").read_text() == task
 
 
-def test_a_text_is_no_formula_no_line_and_no_direction() -> None:
+def test_texts_become_harmless_in_cells_lines_and_pages() -> None:
     assert [plain_cell(text)[0] for text in ("=cmd()", "+1", "-1", "@x", "\t=1")] == ["'"] * 5
     assert "\n" not in plain_cell("a\r\n=b\u2028c")
     assert all(line.startswith("  | ") for line in quoted("ValueError\npdrbench: all passed\x85x").splitlines())
-
-
-def test_pages_hold_neither_marks_of_direction_nor_html_of_others() -> None:
     text = "a\u202e<b>\x1b"
     page = render("comparison.html", tables=[(text, [text], [[text]])], notes=[text], pictures=[])
     assert not any(sign in page for sign in "\u202e\x1b")

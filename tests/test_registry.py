@@ -38,12 +38,9 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_localizer_from_a_file_takes_parameters(file: Path) -> None:
+def test_a_localizer_from_a_file_takes_parameters_and_is_read_again_when_edited(file: Path) -> None:
     localizer = make_localizer(f"{file}:Mine", level=3)
     assert localizer.step(None).level == 3  # type: ignore[arg-type]
-
-
-def test_an_edited_file_is_read_again(file: Path) -> None:
     before = load_localizer(f"{file}:Mine")
     file.write_text(GOOD.replace("level=0", "level=5"))
     assert load_localizer(f"{file}:Mine") is not before

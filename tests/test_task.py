@@ -32,15 +32,12 @@ TASK = Task(
 UNITS = {"a": "1", "b": "1", "c": "2", "d": "3", "e": "1"}
 
 
-def test_every_walk_has_a_unit_and_every_train_walk_a_fold() -> None:
+def test_every_walk_has_a_unit_and_folds_part_whole_units() -> None:
     assert replace(TASK, units=UNITS, folds={"a": 0, "b": 0, "c": 1}).units["c"] == "2"
     with pytest.raises(RecordingError, match="walk 'e' has no unit"):
         replace(TASK, units=dict.fromkeys("abcd", "1"))
     with pytest.raises(RecordingError, match="walk 'c' has no fold"):
         replace(TASK, folds={"a": 0, "b": 1})
-
-
-def test_folds_part_whole_units() -> None:
     with pytest.raises(RecordingError, match="unit '1' lies in two folds"):
         replace(TASK, units=UNITS, folds={"a": 0, "b": 1, "c": 1})
     assert replace(TASK, groups={"d": ("later",)}).groups == {"d": ("later",)}

@@ -103,9 +103,12 @@ def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
     assert "pdrbench: oracle does not suit CampusStride-v1: " in outcome.err
 
 
-def test_check_fails_localizers_that_break_the_rules(command: Any) -> None:
+def test_check_fails_localizers_that_break_the_rules_or_exit_on_import(command: Any, place: Path) -> None:
     outcome = command("check", "localizer", "mine.py:Crashing")
     assert outcome.code == 1 and "FAIL" in outcome.out and "checks passed" in outcome.out
+    (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
+    outcome = command("check", "localizer", "leaves.py:Mine")
+    assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err + outcome.out
 
 
 @pytest.mark.parametrize(
@@ -148,12 +151,6 @@ def test_check_confines_a_stranger_as_run_does(command: Any, place: Path) -> Non
     except OSError as error:
         pytest.skip(f"no Landlock here: {error}")
     assert "4711" not in json.dumps(outcome.json) and "PermissionError" in json.dumps(outcome.json)
-
-
-def test_a_file_that_exits_on_import_is_an_error(command: Any, place: Path) -> None:
-    (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
-    outcome = command("check", "localizer", "leaves.py:Mine")
-    assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err + outcome.out
 
 
 def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:

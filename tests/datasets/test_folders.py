@@ -23,7 +23,9 @@ def put(path: Path) -> Path:
     return path
 
 
-def test_the_first_place_that_holds_the_set_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_first_place_that_holds_the_set_wins_and_may_be_the_set_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     put(tmp_path / "b/ilc20/LICENSE")
     put(tmp_path / "c/ilc20/LICENSE")
     (tmp_path / "a/ilc20").mkdir(parents=True)  # empty: holds nothing
@@ -31,9 +33,6 @@ def test_the_first_place_that_holds_the_set_wins(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("PDRBENCH_DATA", os.pathsep.join(map(str, places)))
     assert find("ilc20") == tmp_path / "b/ilc20"
     assert is_available("ilc20") and not is_available("maps")
-
-
-def test_a_place_may_be_the_set_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = next(file for file in dataset("foot_short").files if file.role == "data")
     put(tmp_path / "my copy" / data.path)
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path / "my copy"))

@@ -47,8 +47,13 @@ def sentences(text: str) -> list[str]:
     return [sentence for part in prose(text) for sentence in re.split(r"(?<=[.!?])\s+(?=[A-Z*\"(])", part)]
 
 
-def test_there_are_few_pages() -> None:
+def test_pages_are_few_and_readme_and_pictures_small() -> None:
     assert len(PAGES) <= MAX_PAGES
+    assert len((ROOT / "README.md").read_bytes()) <= README_BYTES
+    figures = list((ROOT / "docs" / "figures").iterdir())
+    assert sum(figure.stat().st_size for figure in figures) <= FIGURES_BYTES
+    shown = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *PAGES))
+    assert [figure.name for figure in figures if f"figures/{figure.name}" not in shown] == []
 
 
 def test_pages_are_short_and_plain() -> None:
@@ -77,14 +82,6 @@ def test_no_link_of_a_text_is_dead() -> None:
             if not (link.startswith(("http", "mailto")) or target.exists() or is_page):
                 dead.append(f"{path.relative_to(ROOT)}: {link}")
     assert dead == []
-
-
-def test_readme_and_pictures_are_small() -> None:
-    assert len((ROOT / "README.md").read_bytes()) <= README_BYTES
-    figures = list((ROOT / "docs" / "figures").iterdir())
-    assert sum(figure.stat().st_size for figure in figures) <= FIGURES_BYTES
-    shown = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *PAGES))
-    assert [figure.name for figure in figures if f"figures/{figure.name}" not in shown] == []
 
 
 def test_papers_have_the_same_gates_wherever_they_stand() -> None:

@@ -331,14 +331,11 @@ def test_results_of_older_versions_are_left_out(localizer: Spec, tmp_path: Path)
     assert len(results) == 3
 
 
-def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ResultError, match="no results in"):
-        load_results(tmp_path)
-
-
-def test_failed_walks_are_counted_and_scored(localizer: Spec) -> None:
+def test_failed_walks_are_counted_and_scored_and_an_empty_folder_is_an_error(localizer: Spec, tmp_path: Path) -> None:
     results = evaluate(localizer("RaisesInStep"), "Corridor-v0", walks=5, isolation="none", seeds=1)
     row = results.rows()[0]
     assert (row["failed"], row["metrics"]["mean_m"]["n"]) == (5, 5)
     assert not math.isnan(row["metrics"]["mean_m"]["value"])
     assert "failed on 5 of 5 walks" in results.table()
+    with pytest.raises(ResultError, match="no results in"):
+        load_results(tmp_path)

@@ -114,15 +114,14 @@ def test_only_the_requested_frames_are_shown_and_all_are_compared(toy: Path) -> 
         list(retrace(spoilt, only=(9,)))
 
 
-def test_a_walk_that_failed_ends_where_it_failed(toy: Path) -> None:
+def test_a_walk_is_retraced_to_where_it_failed_and_given_the_truth_that_it_was_given(toy: Path) -> None:
     result = play(toy, "Crashing")
     assert result.status == "failed"
     assert len(list(retrace(result))) == len(result.estimates) == 5
-
-
-def test_a_localizer_given_the_truth_is_given_it_again() -> None:
     result = evaluate("oracle", "Corridor-v0", split="val", walks=1, isolation="none", seeds=1).results[0]
     assert len(list(retrace(result))) == len(result.estimates) == 13
+    with pytest.raises(ResultError, match=r"from 0 s on; the sources are the same"):
+        list(retrace(dataclasses.replace(play(toy, "Toy"), seed=7)))
 
 
 def test_changed_code_is_reported_with_the_time_and_the_cause(toy: Path) -> None:
@@ -135,11 +134,6 @@ def test_changed_code_is_reported_with_the_time_and_the_cause(toy: Path) -> None
     with pytest.warns(UserWarning, match="from 3 s on") as caught:
         assert len(list(retrace(result, strict=False))) == 13
     assert len(caught) == 1
-
-
-def test_a_difference_without_a_cause_is_not_blamed_on_sources(toy: Path) -> None:
-    with pytest.raises(ResultError, match=r"from 0 s on; the sources are the same"):
-        list(retrace(dataclasses.replace(play(toy, "Toy"), seed=7)))
 
 
 @pytest.mark.parametrize(

@@ -36,9 +36,15 @@ def test_a_sound_task_passes(phone_task) -> None:
     assert len({check.name for check in checks}) == len(checks) > 15
 
 
-def test_an_unknown_task_fails_with_the_nearest_name() -> None:
+def test_an_unknown_task_fails_with_the_nearest_name_and_one_that_does_not_load_says_so(strides) -> None:
     (check,) = check_task("CampusStrid-v0")
     assert not check.passed and "CampusStride-v1" in check.why
+
+    def broken(walk):
+        raise KeyError(walk)
+
+    (check,) = check_task(dataclasses.replace(strides, load=broken))
+    assert not check.passed and "KeyError" in check.why
 
 
 def test_random_recordings_are_found(strides) -> None:
@@ -122,14 +128,6 @@ def test_a_walk_that_stands_still_fails_the_check(strides) -> None:
 
     found = failures(check_task(altered(strides, freeze)))
     assert "does the pedestrian walk" in found["an oracle has no error, and standing still has more"]
-
-
-def test_a_task_that_does_not_load_says_so(strides) -> None:
-    def broken(walk):
-        raise KeyError(walk)
-
-    (check,) = check_task(dataclasses.replace(strides, load=broken))
-    assert not check.passed and "KeyError" in check.why
 
 
 class Sound:

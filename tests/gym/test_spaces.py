@@ -20,15 +20,12 @@ def test_observation_space_is_fixed_and_finite(phone_task) -> None:
         assert np.isfinite(box.low).all() and np.isfinite(box.high).all()
 
 
-def test_action_space_grows_with_claims() -> None:
+def test_action_space_grows_with_claims_and_refuses_foreign_and_doubled_ones() -> None:
     assert make_action_space(()).shape == (3,)
     every = make_action_space(("sigma", "heading", "converged"))
     assert every.shape == (6,)
     assert every.low[3] == 0.0 and every.low[4] < 0.0 and (every.low[5], every.high[5]) == (0.0, 1.0)
     assert np.isfinite(every.low).all() and np.isfinite(every.high).all()
-
-
-def test_action_space_refuses_foreign_and_doubled_claims() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'sigma'"):
         make_action_space(("sigmas",))
     with pytest.raises(EstimateError, match="once"):

@@ -57,11 +57,13 @@ def test_any_chunks_give_the_same(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_without_a_magnetometer_it_counts_from_where_it_was() -> None:
+def test_without_a_magnetometer_it_counts_from_where_it_was_and_bad_settings_are_refused() -> None:
     phone = Phone(20.0)
     rows = PhoneAttitude().update(phone.accel, phone.gyro)
     error = np.unwrap(phone.heading_error_rad(rows))
     assert np.ptp(error) < np.radians(0.5)
+    with pytest.raises(PdrbenchError, match="compass_s must be positive"):
+        PhoneAttitudeParams(compass_s=0.0)
 
 
 def test_a_disturbed_field_is_ignored_and_a_slow_compass_corrects_a_drift() -> None:
@@ -91,8 +93,3 @@ def test_nothing_before_gravity_is_known_and_gaps_are_not_turned_through() -> No
     later = phone.gyro[100:101] + np.array([60.0, 0, 0, 0])  # a minute without samples
     after = attitude.update(np.zeros((0, 4)), later)[-1]
     assert after[1:] == pytest.approx(before[1:], abs=0.02)
-
-
-def test_bad_settings_are_refused() -> None:
-    with pytest.raises(PdrbenchError, match="compass_s must be positive"):
-        PhoneAttitudeParams(compass_s=0.0)

@@ -104,14 +104,11 @@ def test_a_stride_is_reported_once_the_foot_has_rested_a_little_and_not_before()
     assert not len(find_strides(states.part(slice(0, round((known_s - 0.01) * RATE_HZ))), params).known_s)
 
 
-def test_creep_during_a_rest_is_not_lost() -> None:
+def test_creep_during_a_rest_is_not_lost_and_a_foot_that_stands_makes_no_strides() -> None:
     states = walk(SQUARE, [0.0] * 5)
     states.x[:, 0] += 0.05 * states.t_s
     strides = find_strides(states)
     np.testing.assert_array_equal(strides.start_xyz_m[1:], strides.end_xyz_m[:-1])
-
-
-def test_a_foot_that_stands_makes_no_strides() -> None:
     states = walk([(0.0, 0.0, 0.0)], [0.0], rest_s=30.0)
     states.x[:, 0] += 0.01 * np.sin(states.t_s)
     assert not len(find_strides(states).length_m)

@@ -27,8 +27,11 @@ def rows_of(task: Task, walk: str) -> bytes:
     return b"".join(stream.rows.tobytes() for _, stream in sorted(recording.streams.items()))
 
 
-def test_every_generated_environment_has_them() -> None:
+def test_every_environment_has_generated_walks_or_replays() -> None:
     assert set(GENERATED) >= {name for name in PRODUCT if make_task(name).source == "generated"}
+    for name in set(PRODUCT) - set(GENERATED):
+        task = make_task(name, SECRET)
+        assert len(task.split(HELD_OUT)) == len(task.split("test")) * (2 if len(task.split("test")) < 8 else 1)
 
 
 def test_a_secret_gives_walks_of_its_own() -> None:
@@ -59,19 +62,15 @@ def test_no_delivered_object_holds_the_secret(env: str) -> None:
         make_task(env).load(task.split(HELD_OUT)[0])
 
 
-def test_recorded_environments_have_a_replay_of_each_test_walk_or_two_of_few() -> None:
-    for name in set(PRODUCT) - set(GENERATED):
-        task = make_task(name, SECRET)
-        assert len(task.split(HELD_OUT)) == len(task.split("test")) * (2 if len(task.split("test")) < 8 else 1)
-
-
-def test_a_short_secret_and_one_without_its_split_are_refused() -> None:
+def test_a_short_secret_is_refused_and_the_oracle_is_given_no_truth() -> None:
     with pytest.raises(PdrbenchError, match="32 characters"):
         make_task("ToyDeaf-v1", "short")
     with pytest.raises(PdrbenchError, match="secret goes with"):
         evaluate(STAY, "ToyDeaf-v1", split=HELD_OUT, seeds=1)
     with pytest.raises(PdrbenchError, match="secret goes with"):
         evaluate(STAY, "ToyDeaf-v1", secret=SECRET, seeds=1)
+    results = evaluate("oracle", "Toy-v1", split=HELD_OUT, secret=SECRET, walks=1, seeds=1)
+    assert results.results[0].status == "unsuitable"
 
 
 def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path) -> None:
@@ -88,8 +87,3 @@ def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path
         assert not path.is_file() or SECRET.encode() not in path.read_bytes()
     with pytest.raises(UnknownNameError):
         pdrbench.score(results.results[0])
-
-
-def test_the_oracle_is_given_no_truth() -> None:
-    results = evaluate("oracle", "Toy-v1", split=HELD_OUT, secret=SECRET, walks=1, seeds=1)
-    assert results.results[0].status == "unsuitable"

@@ -139,11 +139,15 @@ def _without_times(content: bytes) -> list[bytes]:
     return [line for line in content.splitlines() if b'"load"' not in line]
 
 
-def test_a_walk_that_fails_has_no_values(played: Settings) -> None:
+def test_failed_walks_have_no_values_and_changed_answers_are_found(played: Settings, tmp_path: Path) -> None:
     found = record.read_entry(played.root / "toy" / "broken")[0].parts[0].divisions[0]
     assert set(found.statuses) == {"f"}
     assert found.failures == {"ValueError: no idea": len(found.statuses)}
     assert set(found.values["p75_m"]) == {None}
+    path = Path(shutil.copytree(played.root / "toy" / STAY, tmp_path / STAY)) / record.ANSWERS_FILE
+    path.write_bytes(path.read_bytes() + b"x")
+    with pytest.raises(BundleError, match="not the one"):
+        record.read_entry(path.parent)
 
 
 def test_one_run_gives_both_divisions_and_metrics_are_known(played: Settings) -> None:
@@ -160,13 +164,6 @@ def test_registered_localizers_bring_their_card_and_others_need_one(
         list(run([TOY], [f"{submitted}:Mine"], settings))
     entry, card = record.read_entry(played.root / "toy" / STAY)
     assert (entry.spec, card.name) == (STAY, STAY)
-
-
-def test_changed_answers_are_found(played: Settings, tmp_path: Path) -> None:
-    path = Path(shutil.copytree(played.root / "toy" / STAY, tmp_path / STAY)) / record.ANSWERS_FILE
-    path.write_bytes(path.read_bytes() + b"x")
-    with pytest.raises(BundleError, match="not the one"):
-        record.read_entry(path.parent)
 
 
 def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(

@@ -114,15 +114,12 @@ def one_level_off(count: int, wrong: int) -> tuple[Held, Trajectory]:
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 
-def test_every_level_of_difference_costs_fifteen_metres() -> None:
+def test_levels_of_difference_cost_fifteen_metres_and_the_wrong_building_fifty() -> None:
     held, reference = one_level_off(4, 1)
     assert penalised_errors_m(held, reference).tolist() == [32.0, 2.0, 2.0, 2.0]
     assert mean_level_penalised_m(held, reference) == 9.5
     assert mean_level_penalised_m(held, reference, per_level_m=4.0, per_building_m=50.0) == 4.0
     assert p75_level_penalised_m(held, reference) == 17.0  # Hazen: halfway between the third and the fourth
-
-
-def test_the_wrong_building_costs_fifty_metres() -> None:
     held, reference = one_level_off(4, 0)
     wrong = np.array([True, False, False, False])
     assert penalised_errors_m(held, reference, wrong_building=wrong).tolist() == [52.0, 2.0, 2.0, 2.0]

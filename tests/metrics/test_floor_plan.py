@@ -91,50 +91,38 @@ def test_a_wall_is_crossed_and_a_door_is_not() -> None:
     assert crossings_per_100m(answers([[5, 2], [15, 2], [5, 2]]), building) == pytest.approx(10.0)
 
 
-def test_a_path_that_halts_on_a_wall_crosses_it_once() -> None:
+def test_paths_that_halt_on_a_wall_or_pass_a_corner_cross_once_and_jitter_never() -> None:
     building = two_rooms()
     assert num_crossed([[5, 2], [10, 2], [15, 2]], building) == pytest.approx(1)
     assert num_crossed([[5, 2], [10, 2], [10, 3], [10, 2.5], [15, 2]], building) == pytest.approx(1)
     assert num_crossed([[5, 2], [10, 2], [10, 3], [10, 2], [5, 2]], building) == 0
     assert num_crossed([[10, 2], [10, 3], [5, 3]], building) == 0, "who begins on a wall crosses none"
-
-
-def test_a_path_through_a_corner_leaves_once() -> None:
     assert num_crossed([[8, 8], [12, 12]], Building("room", (closed("a", rectangle(0, 0, 10, 10)),))) == pytest.approx(
         1
     )
     assert num_crossed([[8, 2], [12, 6]], two_rooms()) == pytest.approx(1), "through the door post"
+    rng = np.random.default_rng(0)
+    path = np.column_stack([np.linspace(1, 9, 200), 10 + rng.uniform(-0.0009, 0.0009, 200)])
+    assert num_crossed(path, two_rooms()) == 0
 
 
-def test_leaving_the_building_counts_and_coming_in_does_not() -> None:
+def test_leaving_counts_and_coming_in_does_not_and_a_pillar_counts_twice() -> None:
     building = two_rooms()
     assert num_crossed([[5, 5], [5, 15]], building) == pytest.approx(1)
     assert num_crossed([[5, 15], [5, 5]], building) == 0
     assert num_crossed([[-5, 2], [25, 2]], building) == pytest.approx(2)
-
-
-def test_a_thick_wall_counts_once_and_a_pillar_twice_for_it_is_no_floor() -> None:
     rooms = (closed("a", rectangle(0, 0, 10, 10)), closed("b", rectangle(10.3, 0, 20, 10)))
     assert num_crossed([[5, 5], [15, 5]], Building("thick", rooms)) == pytest.approx(1)
     pillar = closed("a", rectangle(0, 0, 10, 10), holes=(rectangle(4, 4, 6, 6)[::-1],))
     assert num_crossed([[2, 5], [8, 5]], Building("pillar", (pillar,))) == pytest.approx(1)
 
 
-def test_jitter_along_a_wall_crosses_nothing() -> None:
-    rng = np.random.default_rng(0)
-    path = np.column_stack([np.linspace(1, 9, 200), 10 + rng.uniform(-0.0009, 0.0009, 200)])
-    assert num_crossed(path, two_rooms()) == 0
-
-
-def test_a_step_to_another_level_is_no_path() -> None:
+def test_neither_a_step_to_another_level_nor_the_side_of_a_flight_is_a_wall() -> None:
     building = two_rooms()
     held = answers([[5, 2], [15, 2], [15, 2], [15, 7]], [0, 1, 1, 1])
     assert crossings_per_100m(held, building) == 0.0
     assert math.isnan(crossings_per_100m(answers([[5, 2], [15, 2]], [0, 1]), building))
     assert math.isnan(crossings_per_100m(answers([[5, 2], [5, 2]]), building))
-
-
-def test_the_side_of_a_flight_of_stairs_above_the_floor_is_no_wall() -> None:
     stairs = closed("flight", rectangle(4, -5, 6, 8), height_m=1.5, kind="stairs")
     building = Building("under the stairs", (closed("hall", rectangle(0, 0, 10, 10)), stairs))
     assert num_crossed([[1, 5], [9, 5]], building) == 0

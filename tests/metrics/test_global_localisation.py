@@ -50,11 +50,15 @@ def test_convergence_is_the_first_time_from_which_the_error_stays_small(begin_s:
     assert convergence_s(held, reference) == 7.0
 
 
-def test_ten_seconds_are_enough_and_less_are_not() -> None:
+def test_ten_seconds_are_enough_and_a_walk_too_short_does_not_count() -> None:
     assert convergence_s(*make_walk([NEAR] * 10 + [FAR] + [NEAR] * 11)[:2]) == 11.0, "ten positions last nine seconds"
     assert convergence_s(*make_walk([NEAR] * 11 + [FAR] * 11)[:2]) == 0.0
     assert convergence_s(*make_walk([5.0] * 11)[:2]) == 0.0, "the limit itself is within"
     assert convergence_s(*make_walk([NEAR] * 10 + [FAR] * 11)[:2]) == math.inf
+    for errors in ([NEAR] * 10, [FAR] * 10, [NEAR], []):
+        held, reference, _ = make_walk(errors)
+        assert math.isnan(convergence_s(held, reference))
+        assert math.isnan(lost_count(held, reference))
 
 
 def test_on_the_wrong_level_and_without_convergence_there_is_none() -> None:
@@ -64,13 +68,6 @@ def test_on_the_wrong_level_and_without_convergence_there_is_none() -> None:
     held, reference, _ = make_walk([FAR] * 100)
     assert convergence_s(held, reference) == math.inf
     assert math.isnan(lost_count(held, reference)) and math.isnan(lost_share(held, reference))
-
-
-def test_a_walk_too_short_to_show_convergence_does_not_count() -> None:
-    for errors in ([NEAR] * 10, [FAR] * 10, [NEAR], []):
-        held, reference, _ = make_walk(errors)
-        assert math.isnan(convergence_s(held, reference))
-        assert math.isnan(lost_count(held, reference))
 
 
 def test_converged_by_counts_every_walk_that_lasts_long_enough() -> None:

@@ -25,16 +25,13 @@ def unmoved(t_s: list[float]) -> Trajectory:
     return make_reference(np.zeros((len(t_s), 2)), t_s=t_s)
 
 
-def test_before_the_first_answer_the_fallback_is_held() -> None:
+def test_the_fallback_is_held_before_the_first_answer_and_where_there_is_none() -> None:
     held = hold_at(make_estimates([5.0], [1.0]), np.array([4.0, 5.0]), FALLBACK)
     assert held.xy_m.tolist() == [[-7.0, 2.0], [1.0, 0.0]]
     assert held.level.tolist() == [3.0, 0.0]
     assert held.heading_rad[0] == 0.5
     assert held.is_answer.tolist() == [False, True]
     assert held.age_s.tolist() == [4.0, 0.0]
-
-
-def test_a_localizer_that_never_answers_is_scored_at_the_fallback() -> None:
     scores = score(make_estimates([], []), unmoved([1.0, 2.0]), None, FALLBACK, period_s=0.5)
     assert scores["mean_m"] == pytest.approx(math.hypot(7, 2))
     assert scores["n"] == 2

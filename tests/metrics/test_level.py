@@ -22,15 +22,12 @@ def walk(true: list[int], estimated: list[float], surveyed: object = True) -> tu
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 
-def test_the_delay_runs_from_the_change_to_the_first_agreement() -> None:
+def test_delays_run_to_the_first_agreement_and_a_change_never_seen_costs_the_stay() -> None:
     held, reference = walk([0, 0, 1, 1, 1, 0, 0], [0, 0, 0, 0, 1, 0, 0])
     delay_s, missed = level_change_delays_s(held, reference)
     assert delay_s.tolist() == [4.0, 0.0]
     assert missed.tolist() == [0.0, 0.0]
     assert level_change_delay_s(held, reference) == 2.0
-
-
-def test_a_change_that_is_never_seen_costs_the_whole_stay() -> None:
     held, reference = walk([0, 1, 1, 1, 0, 0, 0], [0] * 7)
     assert level_change_delays_s(held, reference)[0].tolist() == [6.0, 0.0]
     assert level_changes_missed(held, reference) == 0.5

@@ -66,15 +66,12 @@ def test_alignment_hides_a_heading_bias_and_the_plain_error_does_not() -> None:
     assert align_se2(held.xy_m, reference.xy_m).yaw_rad == pytest.approx(math.radians(-30))
 
 
-def test_alignment_is_the_best_of_all_rigid_motions() -> None:
+def test_alignment_is_the_best_of_all_rigid_motions_and_keeps_scale_and_handedness() -> None:
     track, onto = wander(3, 30), wander(4, 30)
     best = np.sqrt(np.mean(np.sum((align_se2(track, onto).xy_m - onto) ** 2, axis=1)))
     for yaw_deg in np.arange(0.0, 360.0, 0.5):
         other = turned(track - track.mean(axis=0), yaw_deg) + onto.mean(axis=0)
         assert best <= np.sqrt(np.mean(np.sum((other - onto) ** 2, axis=1))) + 1e-12
-
-
-def test_alignment_keeps_scale_and_handedness() -> None:
     track = wander(5)
     mirrored = track * [1.0, -1.0]
     assert align_se2(2 * track, track).xy_m == pytest.approx(2 * (track - track.mean(axis=0)) + track.mean(axis=0))
@@ -124,14 +121,11 @@ def test_a_constant_heading_drift_has_its_chord_error() -> None:
     assert rte_m(held_on(reference, arc), reference) == pytest.approx(expected)
 
 
-def test_a_short_walk_is_one_window_and_says_so() -> None:
+def test_windows_end_with_the_first_row_late_enough_and_a_short_walk_is_one() -> None:
     reference = make_reference(straight(31))
     held = held_on(reference, 1.1 * straight(31))
     assert rte_m(held, reference) == pytest.approx(3.0)
     assert rte_whole_walk(held, reference) == 1.0
-
-
-def test_windows_end_with_the_first_row_late_enough() -> None:
     first, last = windows(np.array([0.0, 30.0, 50.0, 70.0, 111.0]))
     assert first.tolist() == [0, 1, 2]
     assert last.tolist() == [3, 4, 4]
@@ -154,15 +148,12 @@ def test_a_dense_and_a_sparse_reference_have_the_same_length() -> None:
     assert path_length_m(dense, resampling_times_s(dense)) == pytest.approx(50.0, abs=0.5)
 
 
-def test_jitter_within_a_second_adds_no_distance() -> None:
+def test_jitter_adds_no_distance_and_the_distance_error_has_a_sign() -> None:
     reference = make_reference(np.column_stack([0.1 * np.arange(601), np.zeros(601)]), t_s=0.1 * np.arange(601))
     jitter = np.where(np.arange(601) % 10 == 5, 3.0, 0.0)[:, None] * [0.0, 1.0]
     estimates = answer(reference, reference.xy_m + jitter)
     resampled = hold_at(estimates, resampling_times_s(reference), ORIGIN)
     assert distance_error_pct(resampled, reference) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_distance_error_has_a_sign() -> None:
     reference = make_reference(straight(101))
     for factor, expected in ((1.1, 10.0), (0.8, -20.0), (0.0, -100.0)):
         scores = score(answer(reference, factor * reference.xy_m), reference, None, ORIGIN)
@@ -181,11 +172,16 @@ def test_loop_closure_is_the_gap_over_the_length() -> None:
     )
 
 
-def test_an_open_walk_has_no_loop_closure() -> None:
+def test_standing_still_has_no_percentages_and_an_open_walk_no_loop_closure() -> None:
     reference = make_reference(straight(50))
     assert math.isnan(loop_closure_pct(held_on(reference, straight(50)), reference))
     still = make_reference(np.zeros((50, 2)))
     assert math.isnan(loop_closure_pct(held_on(still, np.zeros((50, 2))), still))
+    reference = make_reference(np.zeros((50, 2)))
+    scores = score(answer(reference, np.ones((50, 2))), reference, None, ORIGIN)
+    assert math.isnan(scores["drift_pct"])
+    assert math.isnan(scores["distance_error_pct"])
+    assert scores["ate_m"] == pytest.approx(math.sqrt(2))
 
 
 def loop_of_two_rows(xy_m: np.ndarray) -> dict[str, float]:
@@ -209,14 +205,6 @@ def test_a_loop_of_two_rows_is_as_long_as_the_estimate() -> None:
     reference = make_reference(np.array([[0.0, 0.0], [0.5, 0.0]]), t_s=9.0 * np.arange(2))
     track = answer(make_reference(straight(10)), straight(10))
     assert math.isnan(score(track, reference, None, ORIGIN)["loop_closure_pct"])
-
-
-def test_standing_still_has_no_percentages() -> None:
-    reference = make_reference(np.zeros((50, 2)))
-    scores = score(answer(reference, np.ones((50, 2))), reference, None, ORIGIN)
-    assert math.isnan(scores["drift_pct"])
-    assert math.isnan(scores["distance_error_pct"])
-    assert scores["ate_m"] == pytest.approx(math.sqrt(2))
 
 
 @pytest.mark.parametrize("surveyed", [0, 1])

@@ -99,12 +99,18 @@ def test_along_the_path_the_nearer_pass_counts_and_standing_still_has_no_path() 
     assert along_path_errors_m(held_on(reference, [9.0, 9.0]), reference).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_the_path_turns_corners() -> None:
+def test_paths_turn_corners_and_pauses_on_the_way_change_nothing() -> None:
     # from (0, 5) back round the corner to (5, 0): 10 m along the path, 7.07 m as the crow flies
     reference = make_reference([[5.0, 0.0], [0.0, 0.0], [0.0, 5.0]], surveyed=[False, False, True])
     held = held_on(reference, [5.0, 0.0])
     assert along_path_errors_m(held, reference) == pytest.approx([10.0])
     assert errors_m(held, reference) == pytest.approx([math.hypot(5, 5)])
+    path = np.repeat([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], 3, axis=0)
+    reference = make_reference(path, level=np.repeat([0, 0, 1], 3))
+    held = held_on(reference, path + np.array([4.0, 1.0]))
+    assert along_path_errors_m(held, reference) == pytest.approx([4.0] * 3 + [4.0] * 3 + [0.0] * 3)
+    only_a_pause = held_on(reference, [4.0, 1.0], level=1.0)  # the way to level 1 and the pause there
+    assert along_path_errors_m(only_a_pause, reference) == pytest.approx([10.0] * 3 + [0.0] * 3 + [10.0] * 3)
 
 
 def test_on_a_loop_the_shorter_arc_counts() -> None:
@@ -115,15 +121,6 @@ def test_on_a_loop_the_shorter_arc_counts() -> None:
     open_end = make_reference(square[:-1], surveyed=[False, True, False, False])
     held = held_on(open_end, [0.0, 10.0])
     assert along_path_errors_m(held, open_end) == pytest.approx([20.0])
-
-
-def test_pauses_on_the_way_change_nothing() -> None:
-    path = np.repeat([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], 3, axis=0)
-    reference = make_reference(path, level=np.repeat([0, 0, 1], 3))
-    held = held_on(reference, path + np.array([4.0, 1.0]))
-    assert along_path_errors_m(held, reference) == pytest.approx([4.0] * 3 + [4.0] * 3 + [0.0] * 3)
-    only_a_pause = held_on(reference, [4.0, 1.0], level=1.0)  # the way to level 1 and the pause there
-    assert along_path_errors_m(only_a_pause, reference) == pytest.approx([10.0] * 3 + [0.0] * 3 + [10.0] * 3)
 
 
 @pytest.mark.parametrize("seed", range(3))

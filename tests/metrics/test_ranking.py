@@ -83,15 +83,12 @@ def test_a_missing_walk_counts_with_the_worst_answer_there_and_with_its_own_wors
     assert standing(proud, "proud").score_m == pytest.approx(81.0**0.25), "no answer there is as bad as its own worst"
 
 
-def test_one_of_three_walks_is_never_best() -> None:
+def test_one_of_three_walks_is_never_best_and_those_that_none_played_are_left_out() -> None:
     # case: a localizer that declines the walks it does not like, and answers as another one elsewhere
     found = ranked({"declines": [9.0, NONE, NONE], "stay": [9.0, 17.0, 25.0]})
     assert [(of.name, of.walks) for of in found.standings] == [("stay", 3), ("declines", 1)]
     assert found.standings[found.best].name == "stay"
     assert [of.rank for of in found.standings] == [(1, 2)] * 2
-
-
-def test_walks_that_no_localizer_played_and_localizers_without_any_are_left_out() -> None:
     found = ranked({"a": [1.0, NONE, 2.0], "none": [NONE] * 3, "b": [2.0, NONE, 3.0]})
     assert found.unranked == ("none",) and {of.of for of in found.standings} == {2}
     with pytest.raises(ValueError, match="nothing to rank"):
@@ -126,14 +123,11 @@ def test_ties_are_runs_of_neighbours_that_are_not_told_apart() -> None:
     assert (found.pairs.is_worse == (found.pairs.is_apart & (found.pairs.log_ratio > 0))).all()
 
 
-def test_the_smallest_ratio_is_that_of_the_design() -> None:
+def test_the_smallest_ratio_is_that_of_the_design_and_told_four_times_in_five() -> None:
     # spread 0.575 of the logarithm between neighbours: (3.49 + 0.84) 0.575 / sqrt(n), exponential; design section 4
     assert smallest_ratio(0.575 / math.sqrt(200), 1e9) == pytest.approx(1.193, abs=1e-3)
     assert smallest_ratio(0.575 / math.sqrt(100), 1e9) == pytest.approx(1.283, abs=1e-3)
     assert smallest_ratio(0.1, 7) > smallest_ratio(0.1, 70) > smallest_ratio(0.1, 70, num_entries=2)
-
-
-def test_a_ratio_as_small_as_stated_is_told_four_times_in_five() -> None:
     # 2 localizers, 24 units: binomial standard error of 80 % in 400 is 2 %, three of them
     rng = np.random.default_rng(11)
     logs = rng.normal(0.0, 0.4, (400, 24, 1))

@@ -38,13 +38,17 @@ def interval(values: ArrayLike, units: Units | None = None, **settings: Any) -> 
     return float(low), float(high)
 
 
-def test_below_four_units_there_is_no_interval() -> None:
+def test_below_four_units_there_is_neither_interval_nor_band() -> None:
     assert all(math.isnan(end) for end in interval([1.0, 2.0, 3.0]))
     assert all(math.isnan(end) for end in interval([1.0, 2.0, 3.0, math.nan]))
     assert all(math.isnan(end) for end in interval(np.arange(30.0), ["a", "b", "c"] * 10))
     assert all(math.isnan(end) for end in quantile_interval([np.arange(9.0)] * 3, 0.5))
     low, high = interval([1.0, 2.0, 3.0, 4.0])
     assert low < 2.5 < high
+    walks = {f"w{i}": [1.0, 2.0] for i in range(4)}
+    assert band(walks) is not None
+    assert band(walks, unit={walk: str(int(walk == "w0")) for walk in walks}) is None
+    assert band({}) is None
 
 
 def test_equal_units_have_the_interval_of_student() -> None:
@@ -276,13 +280,6 @@ GRID_M = np.linspace(0.0, 10.0, 101)
 def band(by_walk: dict[str, list[float]], unit: dict[str, str] | None = None) -> tuple[FloatArray, FloatArray] | None:
     values = {walk: np.array(errors) for walk, errors in by_walk.items()}
     return ecdf_band(values, unit or {walk: walk for walk in by_walk}, GRID_M)
-
-
-def test_no_band_below_four_units() -> None:
-    walks = {f"w{i}": [1.0, 2.0] for i in range(4)}
-    assert band(walks) is not None
-    assert band(walks, unit={walk: str(int(walk == "w0")) for walk in walks}) is None
-    assert band({}) is None
 
 
 def test_band_of_equal_walks_has_no_width_and_of_different_walks_has() -> None:

@@ -89,15 +89,12 @@ def test_anees_is_one_for_a_calibrated_sigma_and_its_band_that_of_an_exponential
 # What cannot be scored -------------------------------------------------------------------------------------------
 
 
-def test_an_invalid_sigma_is_counted_and_left_out() -> None:
+def test_missing_and_invalid_sigmas_are_counted_and_left_out() -> None:
     held, reference = make_walk([4.0, 9.0, 9.0, 9.0, 9.0, 9.0], [2.0, 0.0, -1.0, math.inf, math.nan, -math.inf])
     alone = make_walk([4.0], 2.0)
     assert sigma_unusable(held, reference) == 5.0
     for metric in (energy_score_m, coverage, anees):
         assert metric(held, reference) == metric(*alone)
-
-
-def test_missing_sigmas_are_not_scored_and_invalid_ones_are_counted() -> None:
     assert all(math.isnan(metric(*make_walk([1.0, 2.0], math.nan))) for metric in METRICS)
     held, reference = make_walk([1.0, 2.0], 0.0)
     assert sigma_unusable(held, reference) == 2.0

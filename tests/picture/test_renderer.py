@@ -76,14 +76,11 @@ def test_without_a_map_the_walk_stays_in_the_picture() -> None:
     assert blueish.any()
 
 
-def test_without_a_display_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_display_or_toolkit_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(PdrbenchError, match="rgb_array"):
         Window()
-
-
-def test_without_a_toolkit_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("pdrbench.picture.window.TOOLKITS", {"pdrbench_no_such_module": "a toolkit"})
     with pytest.raises(PdrbenchError, match="install one, or use render_mode='rgb_array'"):

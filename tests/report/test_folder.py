@@ -41,11 +41,13 @@ def test_everything_is_written_and_can_be_opened(results: Any, tmp_path: Path) -
             assert imread(path).std() > 0.01
 
 
-def test_same_results_give_the_same_files(results: Any, tmp_path: Path) -> None:
+def test_same_results_give_the_same_files_and_declined_ones_leave_the_tables(results: Any, tmp_path: Path) -> None:
     few = type(results)(results.results[:1])
     one, other = (write_report(few, tmp_path / name) for name in "ab")
     for first, second in zip(one, other, strict=True):
         assert first.read_bytes() == second.read_bytes(), first.name
+    declined = type(results)(tuple(r for r in results.results if r.localizer == "declined"))
+    assert len(write_report(declined, tmp_path)) == 4
 
 
 def test_a_report_of_the_same_results_is_not_drawn_again(
@@ -66,11 +68,6 @@ def test_a_report_of_the_same_results_is_not_drawn_again(
     write_report(few, tmp_path, FigureOptions(is_log=True))
     write_report(dataclasses.replace(few, results=results.results[1:2]), tmp_path)
     assert len(drawn) == 4
-
-
-def test_only_declined_results_leave_the_tables(results: Any, tmp_path: Path) -> None:
-    declined = type(results)(tuple(r for r in results.results if r.localizer == "declined"))
-    assert len(write_report(declined, tmp_path)) == 4
 
 
 def test_pictures_mark_localizers_that_saw_the_whole_walk(

@@ -23,14 +23,11 @@ def reference(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return reference
 
 
-def test_a_docstring_becomes_markdown(reference: ModuleType) -> None:
+def test_a_docstring_becomes_markdown_and_a_name_has_the_unit_of_its_suffix(reference: ModuleType) -> None:
     text = "Adds.\n\nArgs:\n    x_m: Metres,\n        or feet.\n\n>>> add(1)\n2"
     assert reference.docstring_markdown(text) == (
         "Adds.\n\n**Args**\n\n* `x_m`: Metres, or feet.\n\n```python\n>>> add(1)\n2\n```"
     )
-
-
-def test_a_name_has_the_unit_of_its_suffix(reference: ModuleType) -> None:
     assert [reference.unit_of(name) for name in ("z_mps2", "access_point", "x")] == ["m/s²", "–", "–"]
 
 
@@ -51,16 +48,13 @@ def test_environment_page_needs_no_recording(corridor: SimpleNamespace, referenc
     assert reference.environment_page(corridor.task(load=never, tell_start=never, start="unknown", radio_map=never))
 
 
-def test_everything_registered_has_a_page(reference: ModuleType) -> None:
+def test_everything_registered_has_a_page_and_every_metric_a_line(reference: ModuleType) -> None:
     for name in environments():
         assert reference.environment_page(make_task(name)).startswith(f"# {name}\n")
     for name in localizers():
         page = reference.localizer_page(name)
         assert page.startswith(f"# {name}\n")
         assert len(page.splitlines()[2]) > 20, f"the docstring of {name} begins with a sentence"
-
-
-def test_every_metric_has_a_line(reference: ModuleType) -> None:
     from pdrbench.metrics.table import METRICS
 
     page = reference.metrics_page()

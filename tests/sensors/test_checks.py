@@ -215,7 +215,7 @@ def test_the_other_sign_mirrors_the_walk_and_shows_against_the_field_only() -> N
         guard(rows | {"accel": upright * [1, -1, -1, -1], "mag": mag})
 
 
-def test_what_is_left_out_and_gaps_are_warned_of() -> None:
+def test_gaps_are_warned_of_and_strides_are_found_in_states_only() -> None:
     t_s, accel, gyro = made()
     accel[100:200] = np.nan
     with pytest.warns(RecordingWarning, match="100 of .* samples are not finite"):
@@ -223,8 +223,5 @@ def test_what_is_left_out_and_gaps_are_warned_of() -> None:
     kept = (t_s < 5.0) | (t_s > 6.5)
     with pytest.warns(RecordingWarning, match="gaps longer than 1 s"):
         clean_rows(*(values[kept] for values in made()))
-
-
-def test_strides_are_found_in_states_only() -> None:
     with pytest.raises(RecordingError, match="what navigate returns, FootStates; got tuple"):
         find_strides(made())  # type: ignore[arg-type]

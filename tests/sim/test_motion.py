@@ -26,7 +26,7 @@ def test_a_body_at_rest_reads_gravity_upwards_whichever_way_it_lies():
     np.testing.assert_allclose(gyro, 0, atol=1e-12)
 
 
-def test_a_carousel_reads_the_centripetal_acceleration_of_its_radius():
+def test_a_carousel_reads_centripetal_and_tangential_acceleration():
     rate, radius_m = 2.0, 0.7
     centre = RigidMotion(T_S, np.zeros((len(T_S), 3)), level(rate * T_S))
     accel, gyro = centre.at([radius_m, 0.0, 0.0]).ideal_signals()
@@ -34,9 +34,6 @@ def test_a_carousel_reads_the_centripetal_acceleration_of_its_radius():
         accel[INSIDE], [[-(rate**2) * radius_m, 0, GRAVITY_MPS2]] * len(accel[INSIDE]), atol=1e-6
     )
     np.testing.assert_allclose(gyro[INSIDE], [[0, 0, rate]] * len(gyro[INSIDE]), atol=1e-8)
-
-
-def test_a_lever_on_a_body_that_turns_faster_and_faster_reads_the_tangential_acceleration():
     bend, radius_m = 1.5, 0.4
     accel, _ = RigidMotion(T_S, np.zeros((len(T_S), 3)), level(bend * T_S**2 / 2)).at([radius_m, 0, 0]).ideal_signals()
     np.testing.assert_allclose(accel[INSIDE, 1], bend * radius_m, atol=1e-5)

@@ -20,12 +20,9 @@ def reading(seed: int, **changes) -> np.ndarray:
     return calibrated_field(T_S, FIELD_UT, STILL, np.random.default_rng(seed), replace(PLAIN, **changes))
 
 
-def test_a_perfect_calibration_gives_the_field_whatever_the_hard_iron():
+def test_a_perfect_calibration_gives_the_field_and_another_leaves_an_offset_that_jumps():
     np.testing.assert_allclose(reading(1), FIELD_UT, atol=1e-12)
     np.testing.assert_allclose(reading(1, hard_iron_ut=(500.0, 500.0)), FIELD_UT, atol=1e-9)
-
-
-def test_a_calibration_leaves_an_offset_that_jumps_when_it_is_made_anew():
     offset_ut = reading(2, left_ut=5.0, left_spread=0.0, recalibrated_s=60.0) - FIELD_UT
     jumps = np.abs(np.diff(offset_ut, axis=0)).max(axis=1) > 1e-9
     assert 3 <= jumps.sum() <= 20  # 10 expected in 600 s

@@ -35,14 +35,11 @@ def crossed(building: Building, origin, *places) -> list[tuple[int, int]]:
     return list(zip(light.tolist(), heavy.tolist(), strict=True))
 
 
-def test_walls_count_once_and_by_their_thickness(row: Building):
+def test_walls_count_once_and_by_their_thickness_however_they_are_crossed(row: Building):
     along = [(3, 2), (6, 2), (10, 2), (14, 2), (18, 2)]
     #  none, one line, 0.08 m, 0.3 m, two faces of a shaft
     assert crossed(row, (1, 2), *along) == [(0, 0), (1, 0), (2, 0), (2, 1), (2, 3)]
     assert crossed(row, (18, 2), *along) == [(2, 3), (1, 3), (0, 3), (0, 2), (0, 0)]
-
-
-def test_a_slanting_ray_through_a_thick_wall_crosses_one(row: Building):
     # At 72 degrees to the normal the two faces of the wall of 0.3 m lie 1 m apart along the ray.
     assert crossed(row, (11.8, 0.5), (12.9, 3.9)) == [(0, 1)]
 

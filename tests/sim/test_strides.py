@@ -26,9 +26,13 @@ def feet(walks):
     return [foot for i, walk in enumerate(walks) for foot in stances(walk, np.random.default_rng([9, i]))]
 
 
-def test_no_stride_crosses_a_wall(office, feet):
+def test_no_stride_crosses_a_wall_and_the_first_has_no_turn(office, feet):
     for rests in feet:
         assert walkable_strides(office, rests).all()
+    for rests in feet:
+        true = strides(office, rests)
+        assert true.turn_rad[0] == 0
+        assert ((true.length_m == 0) | (true.length_m >= SHORT_STRIDE_M)).all()
 
 
 def test_adding_up_strides_gives_the_path_of_the_foot(office, feet):
@@ -40,13 +44,6 @@ def test_adding_up_strides_gives_the_path_of_the_foot(office, feet):
         np.testing.assert_allclose(xy_m, rests.xy_m[1:], atol=1e-9)
         z_m = office.height(rests.polygon[:1]) + np.cumsum(true.height_m)
         np.testing.assert_allclose(z_m, office.height(rests.polygon[1:]), atol=1e-9)
-
-
-def test_the_first_stride_has_no_turn_and_short_ones_have_no_length(office, feet):
-    for rests in feet:
-        true = strides(office, rests)
-        assert true.turn_rad[0] == 0
-        assert ((true.length_m == 0) | (true.length_m >= SHORT_STRIDE_M)).all()
 
 
 def test_a_turn_on_the_spot_is_made_of_strides_without_length(two_rooms, person):

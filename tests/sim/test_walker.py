@@ -21,14 +21,11 @@ def paths(walks):
     return [body_path(walk) for walk in walks]
 
 
-def test_the_body_never_crosses_a_wall(office, paths):
+def test_the_body_never_crosses_a_wall_and_keeps_off_it(office, paths):
     for path in paths:
         reached, alive = office.move(path.polygon[:-1], path.xy_m[:-1], path.xy_m[1:])
         assert alive.all()
         np.testing.assert_array_equal(reached, path.polygon[1:])
-
-
-def test_the_body_keeps_off_the_walls(office, paths):
     for path in paths:
         few = slice(None, None, 5)
         near_m = walls_along(office, path.xy_m[few], path.polygon[few], 1.0, 3).distance_m(path.xy_m[few], 1.0)

@@ -14,14 +14,11 @@ def belief(heading_rad: float = 0.0, sigma_m: float = 1.0) -> Belief:
     return Belief(np.array([1.0, 2.0, heading_rad]), np.diag([sigma_m**2, sigma_m**2, 0.04]))
 
 
-def test_a_step_goes_where_the_heading_before_it_points() -> None:
+def test_a_step_goes_where_the_heading_before_it_points_and_headings_stay_within_a_turn() -> None:
     """F9: C(heading of k-1); the turn comes afterwards."""
     np.testing.assert_allclose(
         moved(np.array([1.0, 2.0, math.pi / 2]), np.array([1.5, 0.5, 0.3])), [0.5, 3.5, math.pi / 2 + 0.3]
     )
-
-
-def test_headings_stay_within_a_turn() -> None:
     assert moved(np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 1.0]))[2] == pytest.approx(4.0 - 2 * math.pi)
     assert turned(belief(3.0), 1.0).mean[2] == pytest.approx(4.0 - 2 * math.pi)
 

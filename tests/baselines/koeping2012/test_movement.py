@@ -161,11 +161,15 @@ def test_draws_follow_the_table() -> None:
     assert (np.abs(counts[to] - draws * probability) < 5 * sigma + 1).all()
 
 
-def test_the_start_is_even_over_the_floor() -> None:
+def test_the_start_is_even_over_the_floor_of_a_table_made_once_with_cells_of_a_fit_size() -> None:
     table = build_table(make([Cell("a", rectangle(0, 0, 3.1, 2.2), 0.0, 0)]))
     counts = np.bincount(table.start(np.random.default_rng(2), 200_000), minlength=table.num_cells)
     expected = 200_000 * table.cells.area_m2 / table.cells.area_m2.sum()
     assert (np.abs(counts - expected) < 5 * np.sqrt(expected)).all()
+    assert movement_table(two_rooms(), MovementParams()) is movement_table(two_rooms(), MovementParams())
+    assert movement_table(two_rooms(), MovementParams()) is not movement_table(two_rooms(), MovementParams(cell_m=0.4))
+    with pytest.raises(MapError, match="make cell_m larger"):
+        build_table(hall(), MovementParams(cell_m=0.005))
 
 
 def test_sorted_draws_are_multinomial() -> None:
@@ -178,11 +182,6 @@ def test_sorted_draws_are_multinomial() -> None:
     # multinomial and not systematic: counts vary as binomial ones do
     tries = [kernels.draw_sorted(np.ones(2), rng.standard_exponential(101)).sum() for _ in range(2000)]
     assert np.var(tries) == pytest.approx(25, rel=0.15)
-
-
-def test_a_table_is_made_once_for_buildings_that_are_equal() -> None:
-    assert movement_table(two_rooms(), MovementParams()) is movement_table(two_rooms(), MovementParams())
-    assert movement_table(two_rooms(), MovementParams()) is not movement_table(two_rooms(), MovementParams(cell_m=0.4))
 
 
 @pytest.mark.parametrize(
@@ -199,8 +198,3 @@ def test_a_table_is_made_once_for_buildings_that_are_equal() -> None:
 def test_settings_that_make_no_sense_are_refused(options: dict, why: str) -> None:
     with pytest.raises(MapError, match=why):
         MovementParams(**options)
-
-
-def test_cells_too_small_for_the_building_are_refused() -> None:
-    with pytest.raises(MapError, match="make cell_m larger"):
-        build_table(hall(), MovementParams(cell_m=0.005))

@@ -63,15 +63,12 @@ def test_the_cloud_spreads_as_its_noise_says() -> None:
     assert along == pytest.approx(0.1 * length_m, rel=0.04)
 
 
-def test_models_lie_around_the_generic_one() -> None:
+def test_models_lie_around_the_generic_one_and_no_particle_walks_backwards() -> None:
     particles = started(None, StepModelFilterParams())
     assert np.ptp(particles.a) == pytest.approx(0.20, rel=0.01)  # L15
     assert np.ptp(particles.b) == pytest.approx(0.30, rel=0.01)
     assert particles.model.length_m(1.9) == pytest.approx(GENERIC.length_m(1.9), abs=0.02)
-
-
-def test_no_particle_walks_backwards() -> None:
-    """Walls stop all others: whoever hardly walks would be the mean of those who are left."""
+    # Walls stop all others: whoever hardly walks would be the mean of those who are left.
     particles = started(None, StepModelFilterParams(delta_a=0.5, delta_b=1.0))
     assert (particles.a * 1.9 + particles.b).min() == pytest.approx(0.05)
 

@@ -41,14 +41,11 @@ def test_a_straight_walk_and_single_jumps_are_no_turns(rng: np.random.Generator)
     assert turns_of(headings) == []
 
 
-def test_the_mean_begins_anew_after_a_turn() -> None:
+def test_the_mean_begins_anew_after_a_turn_and_less_than_the_threshold_is_none() -> None:
     """A loop of four corners is four turns, though the last leads back to the first heading."""
     heading_rad = np.repeat(np.arange(5) * math.pi / 2, 20)
     found = [turn.angle_rad for _, turn in turns_of(np.angle(np.exp(1j * heading_rad)))]
     assert found == pytest.approx([math.pi / 2] * 4, abs=0.05)
-
-
-def test_less_than_the_threshold_is_no_turn() -> None:
     heading_rad = math.radians(1) * np.repeat([0.0, 40.0], 30)
     assert turns_of(heading_rad) == []
     assert len(turns_of(heading_rad * 1.25)) == 1

@@ -21,16 +21,13 @@ def test_a_disc_on_open_floor(hangar: Building, rng: np.random.Generator) -> Non
         assert np.hypot(*(xy_m - 20.0).T).max() <= 3.0
 
 
-def test_walls_part_it_and_flights_belong_to_it(stairs: Building) -> None:
+def test_flights_belong_to_the_disc_and_the_level_decides_where_floors_overlap(stairs: Building) -> None:
     from_the_room = floor_from(stairs, 0, [5.0, 5.5], 2.5)
     # treads up to x = 7; not the room behind the wall, half a metre away
     assert set(from_the_room.polygon) == {0, 1, 2, 3, 4}
     given = floor_around(stairs, [5.0, 5.5], 0, 2.5)
     assert set(given.polygon) == {0, 1, 2, 3, 4, 20}  # of a given start only the level is known
     assert from_the_room.area_m2 < given.area_m2
-
-
-def test_the_level_decides_where_floors_overlap(stairs: Building) -> None:
     landing = floor_around(stairs, [12.0, 3.0], 1, 1.0)
     assert set(stairs.level(landing.polygon)) == {1}
 

@@ -35,10 +35,13 @@ def test_every_walk_of_the_set_is_in_one_split() -> None:
     assert [len(walks_of(of)) for of in ("val", "test")] == [87, 161]
 
 
-def test_no_session_stands_on_both_sides() -> None:
+def test_no_session_stands_on_both_sides_and_surveys_are_of_train_walks_only() -> None:
     """Names of sessions are given; whoever sorts walks by them finds no name twice."""
     sides = Counter(session for of in SURVEYED_AS for session in {walk.session for walk in walks_of(of)})
     assert set(sides.values()) == {1}
+    train = {walk.path for fold in range(NUM_FOLDS) for walk in walks_of(fold)}
+    for of in SURVEYED_AS:
+        assert {walk.path for walk in survey_of(of)} < train
 
 
 @pytest.mark.parametrize("of", SURVEYED_AS)
@@ -52,12 +55,6 @@ def test_the_nearest_scan_in_time_is_more_than_ten_minutes_away(of: str | int) -
             gap_s = np.maximum(surveyed[:, 0] - walk.end_s, walk.start_s - surveyed[:, 1])
             assert gap_s.min() > GUARD_S
         assert len(surveyed) > 90  # of 411 and 287 walks: the survey covers what is left
-
-
-def test_surveys_are_of_train_walks_only() -> None:
-    train = {walk.path for fold in range(NUM_FOLDS) for walk in walks_of(fold)}
-    for of in SURVEYED_AS:
-        assert {walk.path for walk in survey_of(of)} < train
 
 
 def test_unseen_floors_are_the_smallest_and_occur_in_test_only() -> None:

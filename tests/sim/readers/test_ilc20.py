@@ -123,13 +123,18 @@ def test_sightings_ahead_of_their_row(tmp_path: Path) -> None:
     assert log.report.kept["wifi"] == 201
 
 
-def test_another_clock_for_last_seen_is_refused(tmp_path: Path) -> None:
+def test_another_clock_for_last_seen_and_clock_jumps_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"line 4: last seen 5\.0 s after the row, as in 1 of 2"):
         read(tmp_path, [wifi(0, seen_ms=5000), wifi(10)])
     with pytest.raises(RecordingError, match="line 4: last seen 7200 s before the row"):
         read(tmp_path, [wifi(0, seen_ms=-7_200_000), wifi(10)])
     with pytest.raises(RecordingError, match=r"line 4: last seen .* the two clocks differ"):
         read(tmp_path, [row(0, "WIFI", "a", NEAR, -60, 2462, 83450044)])
+    lines = sensors()
+    with pytest.raises(RecordingError, match=r"line 84: the clock goes back by 3600\.\d s"):
+        read(tmp_path, [*lines, row(-3_600_000, "GYROSCOPE", 0, 0, 0, 3)])
+    with pytest.raises(RecordingError, match="nothing for 3600 s"):
+        read(tmp_path, [*lines, *(row(t + 3_600_000, "GYROSCOPE", 0, 0, 0, 3) for t in (380, 400))])
 
 
 def test_access_point_twice_in_a_scan_keeps_the_freshest_then_the_strongest(tmp_path: Path) -> None:
@@ -304,14 +309,6 @@ def test_the_last_line_must_end(tmp_path: Path) -> None:
 def test_zero_rows_are_refused(tmp_path: Path, lines: list[str]) -> None:
     with pytest.raises(RecordingError, match="no row of any sensor and no waypoint"):
         ilc20.read(put(tmp_path, lines, end="\n" if lines else ""))
-
-
-def test_clock_jumps_are_refused(tmp_path: Path) -> None:
-    lines = sensors()
-    with pytest.raises(RecordingError, match=r"line 84: the clock goes back by 3600\.\d s"):
-        read(tmp_path, [*lines, row(-3_600_000, "GYROSCOPE", 0, 0, 0, 3)])
-    with pytest.raises(RecordingError, match="nothing for 3600 s"):
-        read(tmp_path, [*lines, *(row(t + 3_600_000, "GYROSCOPE", 0, 0, 0, 3) for t in (380, 400))])
 
 
 @pytest.mark.parametrize(

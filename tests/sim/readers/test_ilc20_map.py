@@ -81,7 +81,7 @@ def test_one_floor_is_a_plan_with_and_without_its_size(tmp_path: Path) -> None:
     assert named.building.levels == (0,)
 
 
-def test_the_walkable_area_is_the_outline_without_shops(tmp_path: Path) -> None:
+def test_the_walkable_area_is_the_outline_without_shops_in_metres_from_the_corner(tmp_path: Path) -> None:
     shops = [feature(box(0, 0, 10, 10), name="A"), feature(box(5, 5, 20, 10)), feature(box(30, 15, 40, 25))]
     floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, *shops]))
     (polygon,) = floor.polygons
@@ -89,10 +89,7 @@ def test_the_walkable_area_is_the_outline_without_shops(tmp_path: Path) -> None:
     assert len(polygon.holes) == 1
     assert (polygon.neighbour == WALL).all()
     assert (polygon.level, polygon.height_m, polygon.kind) == (0, 0.0, "floor")
-
-
-def test_frame_is_metres_east_and_north_of_the_south_west_corner(tmp_path: Path) -> None:
-    """A shop drawn at known metres comes back at those metres, to a millimetre of Mercator scale over the floor."""
+    # A shop drawn at known metres comes back at those metres, to a millimetre of Mercator scale over the floor.
     floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, feature(ring((40, 10), (50, 10), (50, 30)), name="A")]))
     (zone,) = floor.zones
     np.testing.assert_allclose(np.sort(zone.outline_xy_m, axis=0), [[40, 10], [50, 10], [50, 30]], atol=1e-3)
