@@ -16,7 +16,6 @@ from pdrbench.io.compressed import found_file
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import HEAD_BYTES, Head, head_of
-from pdrbench_formats.maps.assembly.shapes import geos_error
 
 if TYPE_CHECKING:
     from pdrbench_formats.maps.plan import Plan
@@ -50,6 +49,8 @@ def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
     Raises:
         RecordingError, MapError: No such format, or as the reader says; or it has no such option.
     """
+    from shapely.errors import GEOSException
+
     with unpacked(Path(path)) as place:
         kind = _recognise(place, head_of(place)) if kind is None else kind
         reader = READERS[kind]
@@ -59,7 +60,7 @@ def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
             raise RecordingError(f"{path}: the format {kind} has no option {option!r}; leave it out")
         try:
             found = reader.read(place, **options)
-        except geos_error() as error:
+        except GEOSException as error:
             raise MapError(f"{path}: its outlines cannot be laid over one another ({error}); redraw them") from error
         except MapError as error:  # of what is drawn: builders know no files
             if str(place) in str(error):

@@ -32,7 +32,8 @@ from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import from_utf16
-from pdrbench_formats.maps.features import Collection, Feature, decoded, features_of, member, opened
+from pdrbench_formats.maps.features import Collection, Feature, features_of
+from pdrbench_formats.maps.files import decoded, member, opened
 from pdrbench_formats.maps.plan import Plan, Repair
 
 if TYPE_CHECKING:
@@ -173,7 +174,8 @@ def _floor(collection: Collection, size: _Size | None, path: Path, name: str) ->
     import shapely
 
     level = level_of_floor(name)
-    features, mended = features_of(collection, str(path))
+    mended: list[str] = []
+    features = features_of(collection, str(path), mended.append)
     if not features or not features[0].where.startswith(f"{path}: feature 0 "):
         raise MapError(f"{path}: no outline of the floor, which the first feature must be")
     shapes = [_mercator_polygons(feature) for feature in features]

@@ -37,7 +37,6 @@ from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 
 FOLDER: Final = Path(__file__).parent
 _AXES: Final = {"accel": "xyz", "gyro": "xyz", "mag": "xyz", "rotation": "wxyz", "place": "xy"}
-_TRUTH_AXES: Final = "xyz"
 _HEADER_LINES: Final = 4  # `sep=;` and comments may stand above the header
 _HEADER_BYTES: Final = 4096
 _DEPTH: Final = 3  # folders above a table in an archive
@@ -93,30 +92,6 @@ class App(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     traps: str = ""
     fallback: bool = False
 
-    def facts(self) -> dict[str, str]:
-        """What the page of formats says of it."""
-        units = [
-            f"{key.removesuffix('_unit')} {' or '.join(dict.fromkeys(_listed(value)))}"
-            for key, value in self.columns.items()
-            if key.endswith("_unit")
-        ]
-        sensors = [name for name in (*_AXES, "baro") if name in self.columns]
-        named = f", in a folder `{'` or `'.join(self.files)}`" if self.files else ""
-        beside = f"; `{'`, `'.join(self.truth.files)}` beside it as the reference" if self.truth else ""
-        facts = {
-            "App": f"{self.app}.",
-            "Files": f"one table{named}{beside}.",
-            "Sensors": ", ".join(sensors).replace("place", "places as the reference") + ".",
-            "Clock": f"`{_listed(self.columns['time'])[0].strip('*')}`.",
-            "Units": f"{', '.join(units)}; others in those of pdrbench.",
-        }
-        return facts | ({"Traps": f"{self.traps}."} if self.traps else {})
-
-
-def app_names() -> list[str]:
-    """Every app that has a file."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
-
 
 @functools.cache
 def app_of(path: Path) -> App:
@@ -147,9 +122,10 @@ def reader_of(path: Path) -> Reader:
 
 
 def __getattr__(name: str) -> Reader:
-    if name.startswith("_") or name not in app_names():
+    path = FOLDER / f"{name}.toml"
+    if name.startswith("_") or not path.is_file():
         raise AttributeError(name)
-    return reader_of(FOLDER / f"{name}.toml")
+    return reader_of(path)
 
 
 def _read(app: App, path: Path | str, *, strict: bool = True) -> Log:
@@ -206,7 +182,7 @@ def _truth(
         return None
     table = read_delimited(container.read(own[0]), container.label(own[0]), header_line=truth.header_line)
     columns = {name.lower(): name for name in table.columns}
-    time, names = _named(columns, truth.time), _vector(columns, truth.place, _TRUTH_AXES)
+    time, names = _named(columns, truth.time), _vector(columns, truth.place, "xyz")
     if time is None or None in names:
         raise RecordingError(f"{table.path}: line 1: no columns {truth.time} and {truth.place}; copy the file again")
     xyz = table.table([str(name) for name in names])

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
-from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, Finding, windows
+from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, Finding, lengths, windows
 
 _BIN_S: Final = 0.04
 _BLOCK: Final = 100  # bins, 4 s: a turn around a corner, while a bias of 1 degree/s turns by 4 degrees
@@ -54,10 +54,11 @@ def turning(rows: Mapping[str, FloatArray], rest_mps2: float) -> Iterator[Findin
     gyro, counts = _bins(rows["gyro"])
     frames = _frames(gyro[: len(gyro) // _BLOCK * _BLOCK].reshape(-1, _BLOCK, 3))
     losses = {}
-    for name in ("accel", "mag"):
-        if name in rows and (name != "mag" or _FIELD_UT[0] <= _length(rows[name][:MAX_ROWS]) <= _FIELD_UT[1]):
+    for name in (name for name in ("accel", "mag") if name in rows):
+        usual = float(np.median(lengths(rows[name][:MAX_ROWS, 1:])))
+        if name != "mag" or _FIELD_UT[0] <= usual <= _FIELD_UT[1]:
             vectors, given = _bins(rows[name])
-            if name == "accel" and _mean_length(vectors[given > 0]) > _MAX_SHAKING * rest_mps2:
+            if name == "accel" and given.any() and lengths(vectors[given > 0]).mean() > _MAX_SHAKING * rest_mps2:
                 return  # what a foot measures in the air adds to its length, whatever its axes are
             losses[name] = _losses(frames, counts, vectors)
     gravity = losses["accel"]
@@ -87,14 +88,6 @@ def turning(rows: Mapping[str, FloatArray], rest_mps2: float) -> Iterator[Findin
         if with_gravity:
             remedy = "the magnetometer has other axes than the gyroscope: name its columns in the order x, y, z"
         yield Finding("warning", "axes", "mag" if with_gravity else "gyro", seen, remedy)
-
-
-def _mean_length(vectors: FloatArray) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=1)).mean()) if len(vectors) else 0.0
-
-
-def _length(rows: FloatArray) -> float:
-    return float(np.median(np.sqrt((rows[:, 1:] ** 2).sum(axis=1))))
 
 
 def _bins(rows: FloatArray) -> tuple[FloatArray, FloatArray]:

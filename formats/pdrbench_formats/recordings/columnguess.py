@@ -2,50 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS
+from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS, lengths
+from pdrbench_formats.recordings import columnnames as words
 from pdrbench_formats.recordings.axes import turns_gravity, turns_in_degrees
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock
 from pdrbench_formats.recordings.delimited import DelimitedTable
-from pdrbench_formats.recordings.texts import WORDS
 
-_UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
-_INDEX: Final = re.compile(r"[(\[]\s*(\d+|[wxyzWXYZ])\s*[)\]]")  # the axis, as of `accel[0]` and `Accelerometers[X]`
-_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
-_SECONDS: Final = ("s", "sec", "secs", "second", "seconds", "sekunden")
-_UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
-    **WORDS["units"],
-    "time_unit": {
-        unit: [f"{short}{word}" for short in shorts for word in _SECONDS]
-        for unit, shorts in WORDS["units"]["time_unit"].items()
-    },
-}
-_AFTER_AXIS: Final = re.compile(r"(.*)[\W_]?([wxyz])[\W_]+(.+)")  # a name, its axis, and what can only be a unit
-_ENDINGS: Final = sorted(
-    {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
-)
-_W3C: Final = {"alpha": "z", "beta": "x", "gamma": "y"}  # rates in the DeviceMotion of browsers
-_LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
-_SENSOR_NAMES: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["alone"]
-_SENSOR_WORDS: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["ending"]
-_OTHER, _FILLERS = WORDS["columns"]["other"], WORDS["columns"]["fillers"]
-_LINEAR: Final = re.compile("|".join(WORDS["columns"]["linear"]))
-TIME_NAMES: Final[Sequence[str]] = [
-    *WORDS["columns"]["time"],
-    *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
-]
-_BARO_NAMES: Final[Sequence[str]] = WORDS["columns"]["baro"]
-LEVEL_NAMES: Final[Sequence[str]] = WORDS["columns"]["level"]
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
-_PLACE_NAMES: Final = {unit: WORDS["columns"][f"place_{unit}"] for unit in ("m", "deg")}
 _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
@@ -66,29 +37,10 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         The map, None where no sensor is recognised, and without `time` where no time is; and what was concluded from
         the numbers alone, or chosen among several that it might be.
     """
-    named = {name: split_unit(name) for name in table.columns}
-    named |= _by_number(named)
-    named |= {name: (named[name][0], unit.strip("()[] ").lower()) for name, unit in table.units.items() if unit}
+    named = words.split_names(table.columns, table.units)
     found: dict[str, Any] = {}
     assumed: list[str] = []
-    groups: dict[tuple[int, str, str], dict[str, str]] = {}
-    unknown: dict[str, dict[str, str]] = {}  # columns of vectors whose word is not known, by it
-    for name, (base, unit) in named.items():
-        for axis, stem in _axes_of(base):
-            kind, rank = (sensor or sensor_by(unit), 0) if stem in ("", *_FILLERS) else sensor_of(stem)
-            if not kind and not any(word in stem for word in _OTHER):
-                # a word of another language, or before another, or a letter after what all names begin with
-                kind, rank = sensor_by(unit) or sensor_in(name) or sensor_of(_letter_before(axis, name))[0], 2
-            owner = f"{stem} {unit}" if unit and unit not in _ENDINGS else stem  # what no unit is called names a device
-            if kind:
-                groups.setdefault((rank, kind, owner), {}).setdefault(axis, name)
-            elif stem not in ("", *_FILLERS) and not any(word in stem for word in _OTHER):
-                unknown.setdefault(stem, {}).setdefault(axis, name)
-    whole = {
-        key: tuple(axes[axis] for axis in ("wxyz" if key[1] == "rotation" else "xyz"))
-        for key, axes in groups.items()
-        if axes.keys() >= set("wxyz" if key[1] == "rotation" else "xyz")
-    }
+    whole, unknown = words.vectors_of(named, sensor)
     bases = {base: name for name, (base, _) in reversed(named.items())}
     plain = [bases.get(axis, "") for axis in "xyz"]
     kinds = {key[1] for key in whole}
@@ -96,8 +48,7 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         whole[2, "accel", ""] = tuple(plain)
         bases = {base: name for base, name in bases.items() if name not in plain}
         assumed.append("accel")
-    vectors = [tuple(axes[axis] for axis in "xyz") for axes in unknown.values() if axes.keys() >= set("xyz")]
-    if not kinds & {"accel", "linear"} and len(forces := [names for names in vectors if _is_force(table, names)]) == 1:
+    if not kinds & {"accel", "linear"} and len(forces := [names for names in unknown if _is_force(table, names)]) == 1:
         whole.setdefault((2, "accel", ""), forces[0])
     for kind in ("accel", "gravity", "gyro", "mag", "rotation"):
         of = {
@@ -112,60 +63,43 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
             found[kind] = of[best]
             if sum(key[:2] == best[:2] for key in of) > 1:
                 assumed.append(kind)
-    baro = next((bases[base] for base in _BARO_NAMES if base in bases), None)
+    baro = next((bases[base] for base in words.BARO_NAMES if base in bases), None)
     if baro is None and sensor == "baro":
-        baro = next((bases[base] for base in ("x", *_FILLERS) if base in bases), None)
-    in_pressure = (name for name, (_, unit) in named.items() if unit_of("baro_unit", unit))
+        baro = next((bases[base] for base in ("x", *words.FILLERS) if base in bases), None)
+    in_pressure = (name for name, (_, unit) in named.items() if words.unit_of("baro_unit", unit))
     baro = baro or next((name for name in in_pressure if _is_pressure(table, name)), None)
     if baro is not None and (named[baro][0] != "p" or _is_pressure(table, baro)):
         found["baro"] = baro
-    level = next((bases[base] for base in LEVEL_NAMES if base in bases), None)
-    for unit, pairs in _PLACE_NAMES.items():
-        for x, y in pairs:
-            # latitude and longitude in a log are what the phone itself took for its place, unless a person was there
-            if x in bases and y in bases and "place" not in found and not sensor and (unit == "m" or level is not None):
-                found |= {"place": (bases[x], bases[y]), "place_unit": unit}
-    if level is not None and "place" in found:
-        found["level"] = level
+    level = next((bases[base] for base in words.LEVEL_NAMES if base in bases), None)
+    # latitude and longitude in a log are what the phone itself took for its place, unless a person was there
+    units = [unit for unit in words.PLACE_NAMES if not sensor and (unit == "m" or level is not None)]
+    places = ((unit, pair) for unit in units for pair in words.PLACE_NAMES[unit] if {*pair} <= bases.keys())
+    if (place := next(places, None)) is not None:
+        found |= {"place": tuple(bases[base] for base in place[1]), "place_unit": place[0]}
+        found |= {} if level is None else {"level": level}
     if not found.keys() & {"accel", "gyro", "mag", "rotation", "baro"}:
         return None, assumed
     bases_of = {name: base for name, (base, _) in named.items()}
     taken = {name for value in found.values() if not isinstance(value, str) for name in value} | {baro or ""}
-    time = _time_column(table, bases_of, shared=shared) or _time_by_growth(table, set(table.columns) - taken)
+    time = _time_column(table, bases_of, shared=shared)
+    if time is None and len(growing := _growing(table, [name for name in table.columns if name not in taken])) == 1:
+        time = growing[0]
     if time is not None:
         found["time"] = time
-        stated = unit_of("time_unit", named[time][1]) or unit_of("time_unit", unit_in(named[time][0]))
+        stated = words.unit_of("time_unit", named[time][1]) or words.unit_of("time_unit", words.unit_in(named[time][0]))
         found["time_unit"] = stated if stated and _is_numeric(table, time) else time_unit_of(table, time)
         assumed += [] if stated else ["time_unit"]
-    if "gyro" not in found and len(turning := [one for one in vectors if _turns(table, {**found, "gyro": one})]) == 1:
+    if "gyro" not in found and len(turning := [one for one in unknown if _turns(table, {**found, "gyro": one})]) == 1:
         found["gyro"] = turning[0]
     for kind in ("accel", "gyro", "mag", "baro"):
         if kind in found:
             name = found[kind] if kind == "baro" else found[kind][0]
-            unit = unit_of(f"{kind}_unit", named[name][1])
+            unit = words.unit_of(f"{kind}_unit", named[name][1])
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
     if "mag_unit" in assumed and _length_of(table, found["mag"]) * UNITS["mag_unit"][found["mag_unit"]] < _MIN_FIELD_UT:
         assumed.remove("mag_unit")
         del found["mag"], found["mag_unit"]  # of no unit: listed among the columns that are not read
     return ColumnMap(**found), assumed
-
-
-def _by_number(named: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
-    """The names and units whose names end in 0, 1, 2 or in 1, 2, 3, with the axes x, y, z in their place."""
-    bases = [base for base, _ in named.values() if len(base) > 1]
-    ends = {base[:-1]: "".join(sorted(one[-1] for one in bases if one[:-1] == base[:-1])) for base in bases}
-    # digits behind axes number devices
-    numbered = [
-        (stem, digits)
-        for stem, digits in ends.items()
-        if digits in ("012", "123") and not {f"{stem[:-1]}{axis}" for axis in "xyz"} <= ends.keys()
-    ]
-    axes = {f"{stem}{digits[k]}": f"{stem}{'xyz'[k]}" for stem, digits in numbered for k in range(3)}
-    for base in bases:
-        for word, axis in _W3C.items():
-            stem = base.removesuffix(word)
-            axes |= {base: f"{stem}{axis}"} if stem != base and sensor_of(stem)[0] == "gyro" else {}
-    return {name: (axes[base], unit) for name, (base, unit) in named.items() if base in axes}
 
 
 def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:
@@ -174,20 +108,6 @@ def named_by_place(table: DelimitedTable, sensor: str) -> DelimitedTable:
     first = listed.index(next(iter(_growing(table, listed)), listed[0]))
     columns = dict(zip(names, list(table.columns.values())[first:], strict=False))
     return DelimitedTable(table.path, columns, table.first_line, table.mended, table.dropped)
-
-
-def sensor_by(unit: str) -> str:
-    """The sensor with axes that alone is measured in a unit; g is of accelerations."""
-    return next((kind for kind in ("accel", "gyro", "mag") if unit_of(f"{kind}_unit", unit)), "")
-
-
-def unit_in(base: str) -> str:
-    """The unit of a time whose name has no separator before it: `timens`, `tms`."""
-    if unit_of("time_unit", base):
-        return base
-    texts = sorted((text for texts in _UNIT_NAMES["time_unit"].values() for text in texts), key=len, reverse=True)
-    ends = (text for text in texts if len(text) > 1 and base.endswith(text))
-    return next((text for text in ends if base.removesuffix(text) in TIME_NAMES or "time" in base), "")
 
 
 def doubted_unit(table: DelimitedTable, columns: ColumnMap) -> str:
@@ -208,42 +128,6 @@ def usual_step(table: DelimitedTable, name: str) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-def sensor_of(name: str) -> tuple[str, int]:
-    """The sensor that a name without axis, unit and blanks stands for, or "linear", or ""; and how far it is from sure.
-
-    >>> sensor_of("gyro"), sensor_of("lsm6ds3accelerometer"), sensor_of("useraccel"), sensor_of("gyrobias")
-    (('gyro', 0), ('accel', 1), ('linear', 1), ('', 0))
-    """
-    if kind := next((kind for kind, names in _SENSOR_NAMES.items() if name in names), ""):
-        return kind, 0
-    name = _without_fillers(name)
-    if any(word in name for word in _OTHER):
-        return "", 0
-    for kind, words in _SENSOR_WORDS.items():
-        if word := next((word for word in sorted(words, key=len, reverse=True) if name.endswith(word)), ""):
-            if kind == "accel" and _LINEAR.search(name):
-                return "linear", 1
-            return kind, int(word != name)
-    return "", 0
-
-
-def sensor_in(text: str) -> str:
-    """The sensor that the name of a file or of a kind of records says, "linear", or "".
-
-    >>> sensor_in("MetaWear_D1A2_Accelerometer_100.000Hz"), sensor_in("android.sensor.gyroscope"), sensor_in("walk 3")
-    ('accel', 'gyro', '')
-    """
-    words = re.findall(r"[^\W\d_]+", _CAMEL.sub(" ", text).lower())
-    joined = "".join(words)
-    kind = sensor_of(joined)[0] if len(joined) > 1 else ""
-    if kind or any(word in joined for word in _OTHER):
-        return kind
-    kinds = {kind for word in words if len(word) > 2 and (kind := sensor_of(word)[0])}
-    if "accel" in kinds and _LINEAR.search(joined):
-        return "linear"
-    return kinds.pop() if len(kinds) == 1 else ""
-
-
 def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
     """What columns without names may be: a time that grows, then vectors, the first with gravity being the force."""
     names = list(table.columns)
@@ -262,61 +146,6 @@ def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
         found["gyro"] = next((vector for vector in others if _turns(table, {**found, "gyro": vector})), others[0])
         found["gyro_unit"] = _unit_by_size(table, "gyro", found, assumed)
     return ColumnMap(**found)
-
-
-def _without_fillers(name: str) -> str:
-    while filler := next((filler for filler in _FILLERS if name.endswith(filler) and name != filler), ""):
-        name = name.removesuffix(filler)
-    return name
-
-
-def split_unit(name: str) -> tuple[str, str]:
-    """A column name in small letters without blanks and without its unit, and the unit."""
-    unit = ""
-    name = _INDEX.sub(r" \1 ", name)
-    if match := _UNIT_TEXT.search(name):
-        unit = (match[1] or match[2] or "").strip().lower()
-        name = _UNIT_TEXT.sub(" ", name)
-    plain = name.lstrip("#").strip()
-    spaced = _CAMEL.sub(" ", plain).lower()
-    for text in (plain.lower(), spaced) if not unit else ():
-        ends = (end for end in _ENDINGS if text.endswith(end) and text[: -len(end)][-1:] in tuple(" _-.,/"))
-        unit = next((end for end in ends if _is_unit(end, _bare(text.removesuffix(end)))), "")
-        if unit:
-            return _bare(text.removesuffix(unit)), unit
-    after = _AFTER_AXIS.fullmatch(plain.lower()) if not unit else None
-    if after is not None and sensor_of(_bare(after[1]))[0]:
-        return _bare(after[1]) + after[2], after[3]
-    return _bare(spaced), unit
-
-
-def _bare(name: str) -> str:
-    return "".join(re.split(r"[\W_]+", name))
-
-
-def _is_unit(text: str, base: str) -> bool:
-    """Whether the end of a name is a unit; a letter is one of times, and g of accelerations."""
-    if text == "g":
-        return any(sensor_of(stem)[0] in ("accel", "linear") for _, stem in _axes_of(base))
-    return text not in _LETTERS or base in TIME_NAMES
-
-
-def _axes_of(base: str) -> list[tuple[str, str]]:
-    """Each way to read a name as an axis and the rest."""
-    base = _without_fillers(base)
-    return [(base[-1:], base[:-1])] * (base[-1:] in tuple("wxyz")) + [(base[:1], base[1:])] * (
-        base[:1] in tuple("wxyz")
-    )
-
-
-def _letter_before(axis: str, name: str) -> str:
-    """The letter before an axis that ends a name of several words: a of `imu_ax`."""
-    match = re.search(rf"[\W_]([a-z])[\W_]?{axis}[\W_]*$", _UNIT_TEXT.sub("", _CAMEL.sub("_", name)).lower())
-    return "" if match is None else match[1]
-
-
-def unit_of(kind: str, text: str) -> str:
-    return next((unit for unit, texts in _UNIT_NAMES[kind].items() if text in texts), "") if text else ""
 
 
 def finite(values: FloatArray) -> FloatArray:
@@ -347,8 +176,8 @@ def has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
         return False
     num = max(len(values) // 50, 1)
     means = values[: len(values) // num * num].reshape(num, -1, 3).mean(axis=1)
-    lengths = [float(np.median(np.sqrt((vectors**2).sum(axis=1)))) for vectors in (means, values)]
-    return lengths[0] > 0.6 * lengths[1]
+    of_means, of_rows = (float(np.median(lengths(vectors))) for vectors in (means, values))
+    return of_means > 0.6 * of_rows
 
 
 def _is_force(table: DelimitedTable, names: Sequence[str]) -> bool:
@@ -362,7 +191,7 @@ def _is_force(table: DelimitedTable, names: Sequence[str]) -> bool:
 def _length_of(table: DelimitedTable, names: Sequence[str]) -> float:
     """The usual length of a vector, 0 where no row has it."""
     values = _seen(table, names)
-    return float(np.median(np.sqrt((values**2).sum(axis=1)))) if len(values) else 0.0
+    return float(np.median(lengths(values))) if len(values) else 0.0
 
 
 def _is_pressure(table: DelimitedTable, name: str) -> bool:
@@ -374,9 +203,9 @@ def _is_pressure(table: DelimitedTable, name: str) -> bool:
 def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: bool) -> str | None:
     """The column of the time; of several the one with most different values: dates may be to the second."""
     exact = sorted(
-        (TIME_NAMES.index(base.removesuffix(unit_in(base)) or base), name)
+        (words.TIME_NAMES.index(base.removesuffix(words.unit_in(base)) or base), name)
         for name, base in bases.items()
-        if (base.removesuffix(unit_in(base)) or base) in TIME_NAMES
+        if (base.removesuffix(words.unit_in(base)) or base) in words.TIME_NAMES
     )
     found = [name for _, name in exact] or [name for name, base in bases.items() if "time" in base]
     different = {name: len({str(value) for value in table.columns[name][:_MAX_SEEN]}) for name in found}
@@ -395,12 +224,6 @@ def _is_numeric(table: DelimitedTable, name: str) -> bool:
     except RecordingError:
         return False
     return True
-
-
-def _time_by_growth(table: DelimitedTable, names: Collection[str]) -> str | None:
-    """The one column, whatever its name, that grows from row to row as a clock does."""
-    found = _growing(table, [name for name in table.columns if name in names])
-    return found[0] if len(found) == 1 else None
 
 
 def _growing(table: DelimitedTable, names: Sequence[str]) -> list[str]:
@@ -450,23 +273,19 @@ def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], 
     values = finite(table.table(names))
     if not len(values):
         return next(iter(UNITS[f"{sensor}_unit"]))
-    size = np.sqrt((values**2).sum(axis=1))
+    size = lengths(values)
     usual = float(np.median(size))
     factors = UNITS[f"{sensor}_unit"]
     if sensor == "accel":
         is_g = has_gravity(table, names)  # without it, shaking alone may measure 1 m/s^2
         return "g" if is_g and 0.8 < usual < 1.25 else "mg" if is_g and 800 < usual < 1250 else "m/s^2"
     if sensor == "gyro":
-        return "deg/s" if _in_degrees(table, found, size) else "rad/s"
+        is_fast = float(np.quantile(size, 0.99)) > MAX_RATE_RADPS  # than any gyroscope, or than gravity turns
+        return "deg/s" if is_fast or _turns(table, found, turns_in_degrees) else "rad/s"
     low, high = (500.0, 1100.0) if sensor == "baro" else (20.0, 75.0)
     # 200 to 750 is as likely an uncalibrated part in uT as one in mG
     fitting = [unit for unit, factor in factors.items() if low <= usual * factor <= high and unit != "mG"]
     return fitting[0] if fitting else next(iter(factors))
-
-
-def _in_degrees(table: DelimitedTable, found: Mapping[str, Any], size: FloatArray) -> bool:
-    """Whether rates are in degrees: faster than any gyroscope, or than gravity turns in the frame of the device."""
-    return float(np.quantile(size, 0.99)) > MAX_RATE_RADPS or _turns(table, found, turns_in_degrees)
 
 
 def _turns(

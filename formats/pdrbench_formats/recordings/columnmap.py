@@ -11,8 +11,6 @@ gyro_unit = "deg/s"               # rad/s, deg/s
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -35,6 +33,7 @@ from pdrbench_formats.recordings.assemble import (
     unit_quaternions,
 )
 from pdrbench_formats.recordings.delimited import DelimitedTable, most_odd
+from pdrbench_formats.toml import explained, read_toml, toml_value
 
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "accel_unit": {"m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3},
@@ -42,14 +41,14 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "mag_unit": {"uT": 1.0, "mT": 1e3, "T": 1e6, "nT": 1e-3, "G": 100.0, "mG": 0.1},
     "baro_unit": {"hPa": 1.0, "Pa": 0.01, "kPa": 10.0, "mbar": 1.0, "bar": 1e3, "inHg": 33.863886},
 }
-TIME_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+_PAGE: Final = "Formats"
 _DAY_NS: Final = 86_400 * 10**9
 _TIME_OF_DAY: Final = r"\d{1,2}:\d{1,3}:\d{1,2}(?:[.,]\d+)?"
 _MINUTES: Final = r"(\d{1,3}:\d{2}(?:[.,]\d+)?)"  # and seconds, as of a stop watch
 _CLOCK_COLON: Final = r"(\d:\d{1,2}:\d{1,2})[:,](\d+)"  # 13:45:12:123
 _FEW_MS: Final = r"(:\d{1,2}):(\d{1,2})$"  # 8:18:9:94 among 8:18:9:104 are milliseconds
 _DAY_FIRST: Final = r"\d{1,2}\.\d{1,2}\.\d{4}"
-SECONDS_IN: Final = {unit: ns * 1e-9 for unit, ns in TIME_NS.items()}
+SECONDS_IN: Final = {unit: ns * 1e-9 for unit, ns in {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}.items()}
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -108,15 +107,6 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return "\n".join(lines) + "\n"
 
 
-def toml_value(value: object) -> str:
-    """A value of TOML."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(toml_value, value)) + "]"
-    return repr(value) if isinstance(value, float) else msgspec.json.encode(value).decode()
-
-
 def read_column_map(source: Path | str | Mapping[str, Any] | ColumnMap) -> ColumnMap:
     """A column map from a TOML file, or from its `[columns]` table.
 
@@ -128,24 +118,12 @@ def read_column_map(source: Path | str | Mapping[str, Any] | ColumnMap) -> Colum
     where: object = "[columns]"
     table: Any = source
     if isinstance(source, (str, Path)):
-        where = source
-        try:
-            document = tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
-        except OSError as error:
-            raise RecordingError(f"{source}: cannot be read: {error.strerror}; check the path") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise RecordingError(f"{source}: not TOML: {error}; put names of columns into quotes") from error
+        where, document = source, read_toml(Path(source), dict[str, Any], _PAGE)
         table = document.get("columns", document)
-    known = ColumnMap.__struct_fields__
-    for key in table if isinstance(table, Mapping) else ():
-        if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
-            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-            raise RecordingError(f"{where}: no key {key!r} in a column map; {hint}")
     try:
         found = msgspec.convert(table, ColumnMap)
     except msgspec.ValidationError as error:
-        raise RecordingError(f"{where}: {error}; see docs/formats.md for column maps") from error
+        raise RecordingError(f"{where}: {explained(error, ColumnMap, _PAGE)}") from error
     if not found.time and found.rate_hz is None:
         raise RecordingError(f"{where}: no `time`; name its column, or state rate_hz where there is none")
     return found

@@ -30,11 +30,13 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.sensors.checks import MIN_ROWS, SAMPLED
 from pdrbench_formats.recordings.assemble import Tally, note_face_down, note_guesses
-from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place, sensor_in
-from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped, toml_value
+from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place
+from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped
+from pdrbench_formats.recordings.columnnames import sensor_in
 from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHeaderError, find_layout, read_delimited
 from pdrbench_formats.recordings.joined import COLUMNS_OF, SensorTable, by_kind, join_tables
 from pdrbench_formats.recordings.texts import text_of
+from pdrbench_formats.toml import toml_value
 
 _MIN_NAMED = 4  # columns: a time and a vector
 _BOTH: Final = {"accel", "gyro"}
@@ -164,7 +166,8 @@ def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool
         tables.append(SensorTable(name, sensor, table))
     if not tables:
         raise RecordingError(f"{path}: none of its tables can be read: {'; '.join(map(str, tally.findings))}")
-    tally.skipped.update(dict.fromkeys(container.sizes.keys() - {table.name for table in tables}, 1))
+    named = {table.name for table in tables}
+    tally.skipped.update({name: 1 for name in container.sizes if name not in named})
     return join_tables(path, tables, tally, strict=strict)
 
 

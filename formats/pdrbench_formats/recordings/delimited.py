@@ -161,7 +161,7 @@ def read_delimited(
     layout = _layout(content, path, names, separator, header_line)
     names, separator = _once_each(layout.names), layout.separator
     if separator == BLANKS:
-        content, separator = _tabbed(content), "\t"
+        content, separator = b"\n".join([b"\t".join(line.split()) for line in content.split(b"\n")]), "\t"
     added = text.added_lines
     begin = 0
     for _ in range(layout.first_line - 1):
@@ -242,17 +242,16 @@ class Layout:
 def _layout(
     content: bytes, path: Path, names: Sequence[str] | None, separator: str | None, header_line: int | None
 ) -> Layout:
-    if names is None and header_line is None:
-        found = find_layout(content, separator)
-        if found is not None and not found.line:
-            raise NoHeaderError(
-                f"{path}: line 1: numbers without a header; write names of columns above them, or set header_line = 0 "
-                f"in a column map, which names the columns 1, 2, 3"
-            )
-        if found is not None:
-            return found
-    if header_line == 0 and names is None and (found := find_layout(content, separator)) is not None:
+    found = find_layout(content, separator) if names is None and not header_line else None
+    if found is not None and header_line == 0:
         return Layout([str(1 + place) for place in range(len(found.names))], found.separator, 0, found.line + 1)
+    if found is not None and not found.line:
+        raise NoHeaderError(
+            f"{path}: line 1: numbers without a header; write names of columns above them, or set header_line = 0 "
+            f"in a column map, which names the columns 1, 2, 3"
+        )
+    if found is not None:
+        return found
     line = header_line or 1
     header = content.split(b"\n", line)[line - 1].decode() if content.count(b"\n") >= line - 1 else ""
     separator = separator or _separator(header)
@@ -343,16 +342,11 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _tabbed(content: bytes) -> bytes:
-    """Lines whose fields are parted by any number of blanks, with one tab between two of them."""
-    return b"\n".join([b"\t".join(line.split()) for line in content.split(b"\n")])
-
-
-def split_header(header: str, separator: str, *, drop: bool = True) -> list[str]:
-    """Names in a header line, without quotes and blanks around them; a separator at the end names nothing if `drop`."""
+def split_header(header: str, separator: str) -> list[str]:
+    """Names in a header line, without quotes and blanks around them; a separator at the end names nothing."""
     kept = _QUOTED.sub(lambda match: match.group(1).replace(separator, "\0"), header)
     names = [name.strip().replace("\0", separator) for name in kept.rstrip("\r\n").split(separator)]
-    while drop and names and not names[-1]:
+    while names and not names[-1]:
         names.pop()
     return names
 

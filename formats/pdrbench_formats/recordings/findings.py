@@ -1,7 +1,7 @@
 """What is wrong with a recording, found in its numbers: units, axes, clocks, gaps, sensors that are stuck.
 
-Every check is a pure function of assembled streams. Units are judged by gravity, which is there all the time; axes and
-signs as in `axes`.
+Every check is a pure function of assembled streams. Units are judged by what is there all the time: gravity, the field
+of the Earth, the air; axes and signs as in `axes`.
 """
 
 from __future__ import annotations
@@ -12,28 +12,20 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.sensors import SENSORS
-from pdrbench.sensors.checks import (
-    MAX_ROWS,
-    MIN_ROWS,
-    SAMPLED,
-    Finding,
-    Rows,
-    clock,
-    extremes,
-    found,
-    gravity,
-    gravity_mps2,
-    gyroscope,
-    is_constant,
-    known,
-    lengths,
-)
+from pdrbench.sensors import SENSORS, checks
+from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, SAMPLED, Finding, Rows, extremes, found, lengths
 from pdrbench_formats.recordings.attitude import attitude
 from pdrbench_formats.recordings.axes import turning
-from pdrbench_formats.recordings.units import barometer, magnetometer
 
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
+_UNITS: Final = {  # what one of them is in microtesla or hectopascal
+    "mag": {"gauss": 100.0, "millitesla": 1e3, "tesla": 1e6, "nanotesla": 1e-3},  # 200 mG is as likely uncalibrated
+    "baro": {"pascal": 0.01, "kilopascal": 10.0, "inches of mercury": 33.863886, "bar": 1e3},
+}
+_USUAL: Final = {
+    "mag": (20.0, 75.0),  # of the Earth, 22 to 67 uT, with what iron a building adds on average
+    "baro": (500.0, 1100.0),  # 5500 m up, where people live
+}
 
 
 def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
@@ -50,7 +42,7 @@ def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
 
 
 def _follows(finding: Finding, before: Sequence[Finding], every: Sequence[Finding]) -> bool:
-    codes = known(finding.code).get("follows", ())
+    codes = checks.known(finding.code).get("follows", ())
     causes = [cause for cause in (before if finding.code in codes else every) if cause.code in codes]
     if finding.severity == "error" or finding.code == "gyro-unit":
         causes = [cause for cause in causes if cause.severity == "error"]  # or the log would pass as sound
@@ -76,16 +68,43 @@ def _bounds(rows: Rows) -> Iterator[Finding]:
 
 def _turning(rows: Rows) -> Iterator[Finding]:
     """Signs and axes of the gyroscope, and its unit, by gravity as it turns in the frame of the device."""
-    found = list(gyroscope(rows))
+    found = list(checks.gyroscope(rows))
     yield from found
     if found or any(len(rows.get(name, ())) < MIN_ROWS for name in ("accel", "gyro")):
         return
     gyro, accel = rows["gyro"][:MAX_ROWS], rows["accel"][:MAX_ROWS]
     usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
-    rest_mps2 = gravity_mps2(accel)
+    rest_mps2 = checks.gravity_mps2(accel)
     if rest_mps2 is not None and 1e-4 < usual_s < 1.0:  # in their units
-        others = {name: table for name, table in rows.items() if name != "mag" or not is_constant(table)}
+        others = {name: table for name, table in rows.items() if name != "mag" or not checks.is_constant(table)}
         yield from turning({**others, "gyro": gyro, "accel": accel}, rest_mps2)
+
+
+def _magnetometer(rows: Rows) -> Iterator[Finding]:
+    size, unit = _judged(rows, "mag")
+    if unit and unit != "another unit":
+        yield Finding(
+            "error", "mag-unit", "mag", f"the median length is {size:.4g} uT", f"it looks like {unit}: state the unit"
+        )
+    elif unit:
+        seen = f"the median length is {size:.4g} uT; the field of the Earth has 25 to 65"
+        yield found("mag-uncalibrated", "mag", seen)
+
+
+def _barometer(rows: Rows) -> Iterator[Finding]:
+    size, unit = _judged(rows, "baro")
+    if unit:
+        seen = f"the median is {size:.5g} hPa"
+        yield Finding("error", "baro-unit", "baro", seen, f"it looks like {unit}: state the unit")
+
+
+def _judged(rows: Rows, sensor: str) -> tuple[float, str]:
+    """The usual size of what a sensor measures, and the unit in which it would be usual; "" where it is as it is."""
+    if len(rows.get(sensor, ())) < MIN_ROWS:
+        return 0.0, ""
+    size, (low, high) = float(np.median(lengths(rows[sensor][:MAX_ROWS, 1:]))), _USUAL[sensor]
+    fitting = (unit for unit, factor in _UNITS[sensor].items() if low <= size * factor <= high)
+    return size, "" if low <= size <= high else next(fitting, "another unit")
 
 
 def _stuck(rows: Rows) -> Iterator[Finding]:
@@ -93,7 +112,7 @@ def _stuck(rows: Rows) -> Iterator[Finding]:
         table = rows.get(name)
         if table is None or len(table) < MIN_ROWS:
             continue
-        if is_constant(table):
+        if checks.is_constant(table):
             seen = f"one value from end to end in {len(table)} rows"
             yield found("constant", name, seen, "error" if name in ("accel", "gyro") else "warning")
         elif name in ("accel", "gyro"):
@@ -148,12 +167,12 @@ def _use(rows: Rows) -> Iterator[Finding]:
 
 
 _CHECKS: Final[tuple[Callable[[Rows], Iterator[Finding]], ...]] = (
-    clock,
-    gravity,
+    checks.clock,
+    checks.gravity,
     _turning,
     attitude,
-    magnetometer,
-    barometer,
+    _magnetometer,
+    _barometer,
     _bounds,
     _stuck,
     _two_devices,

@@ -20,14 +20,14 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta, timezone
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench.io.compressed import pieces
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
@@ -70,10 +70,7 @@ _WIFI: Final = re.compile(
     re.M,
 )
 _NUMBER: Final = re.compile(rb"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
-_DATE: Final = re.compile(
-    r"creation:\s*\w{3} (\w{3}) +(\d+) (\d\d):(\d\d):(\d\d) (?:GMT|UTC)?([+-]\d\d:\d\d)? ?(\d{4})"
-)
-_MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_DATE: Final = re.compile(r"creation:\s*\w{3} (\w{3} +\d+ \d\d:\d\d:\d\d) (?:GMT|UTC)?([+-]\d\d:\d\d) ?(\d{4})")
 
 
 @dataclass(slots=True)
@@ -112,7 +109,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     tally, parts = Tally(), _Parts()
     line = 1
     num_records = 0
-    space = _Workspace.of(2 * CHUNK_BYTES)  # a packed chunk has what was left of the one before it
+    space = _Workspace(2 * CHUNK_BYTES)  # a packed chunk has what was left of the one before it
     for chunk, is_last in _chunks(path):
         num_lines, found = _read_chunk(path, chunk, line, parts, tally, space, is_last=is_last)
         num_records += found
@@ -166,31 +163,21 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
                     pending = b""
                 pending += piece[cut:]
                 if len(pending) > CHUNK_BYTES:
-                    _refuse_line(path)
+                    longest = f"a line is longer than {CHUNK_BYTES >> 20} MiB"
+                    raise RecordingError(f"{path}: {longest}; check whether it is a log")
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
     yield pending, True
 
 
-def _refuse_line(path: Path) -> None:
-    raise RecordingError(f"{path}: a line is longer than {CHUNK_BYTES >> 20} MiB; check whether it is a log")
-
-
-@dataclass(frozen=True, slots=True)
 class _Workspace:
-    """Arrays that every chunk is read into."""
+    """Arrays that every chunk of so many bytes is read into; memory is taken where something is written only."""
 
-    rows: FloatArray
-    stamps: FloatArray
-    bounds: IntArray
-
-    @classmethod
-    def of(cls, num_bytes: int) -> _Workspace:
-        """For a chunk of that size; memory is taken where something is written only."""
-        num_records, num_lines = num_bytes // _MIN_RECORD_BYTES + 1, num_bytes // _MIN_LINE_BYTES + 1
-        rows = np.empty((len(_KINDS), num_records, _MAX_VALUES))
-        return cls(rows, np.empty(rows.shape[:2]), np.empty((num_lines, 4), np.int64))
+    def __init__(self, num_bytes: int) -> None:
+        self.rows = np.empty((len(_KINDS), num_bytes // _MIN_RECORD_BYTES + 1, _MAX_VALUES))
+        self.stamps = np.empty(self.rows.shape[:2])
+        self.bounds = np.empty((num_bytes // _MIN_LINE_BYTES + 1, 4), np.int64)
 
 
 def _read_chunk(
@@ -426,12 +413,9 @@ def _device(header: list[str]) -> str:
 def _created(header: list[str]) -> float | None:
     """Unix time of the first comment that states when the file was made, where it names its offset from UTC."""
     for line in header:
-        if (match := _DATE.search(line)) and match[6] and match[1] in _MONTHS:
-            hours, minutes = int(match[6][:3]), int(match[6][0] + match[6][4:])
+        if match := _DATE.search(line):
             with contextlib.suppress(ValueError, OverflowError):  # no such day
-                zone = timezone(timedelta(hours=hours, minutes=minutes))
-                day = datetime(int(match[7]), _MONTHS.index(match[1]) + 1, int(match[2]), tzinfo=zone)
-                return (day + timedelta(hours=int(match[3]), minutes=int(match[4]), seconds=int(match[5]))).timestamp()
+                return datetime.strptime(" ".join(match.groups()), "%b %d %H:%M:%S %z %Y").timestamp()
     return None
 
 

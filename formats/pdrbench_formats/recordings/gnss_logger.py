@@ -71,14 +71,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
             f"accelerometer and gyroscope with another one"
         )
     start = clock_s[0] if clock_s and np.isfinite(clock_s[0]) else None
-    origin = Origin(device=_device(text), start_unix_s=start)
+    named = re.search(r"Manufacturer:\s*(\S+)\s+Model:\s*(.+)", text[:4096])
+    origin = Origin(device=f"{named[1]} {named[2].strip()}" if named else "", start_unix_s=start)
     return assemble(path, streams, origin=origin, tally=tally, allow_unsorted=tuple(streams), strict=strict)
-
-
-def _device(text: str) -> str:
-    """Brand and model, as the comments at the top have them."""
-    found = re.search(r"Manufacturer:\s*(\S+)\s+Model:\s*(.+)", text[:4096])
-    return f"{found[1]} {found[2].strip()}" if found else ""
 
 
 def sniff(head: Head) -> bool:

@@ -17,8 +17,9 @@ from pdrbench.io.log import Log
 from pdrbench.sensors.checks import SAMPLED
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down, note_guesses, with_gravity
 from pdrbench_formats.recordings.axes import turns_in_degrees
-from pdrbench_formats.recordings.columnguess import guess, has_gravity, named_by_place, sensor_in
+from pdrbench_formats.recordings.columnguess import guess, has_gravity, named_by_place
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, streams_of, unix_s
+from pdrbench_formats.recordings.columnnames import sensor_in
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _MAX_APART_S: Final = 60.0  # between the beginnings of sensors of one recording

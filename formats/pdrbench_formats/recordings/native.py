@@ -18,11 +18,12 @@ Traps: A folder without `recording.json` was not written to its end.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -50,18 +51,6 @@ class _Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dtype: str
 
 
-class _Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A `SensorSpec` in JSON."""
-
-    name: str
-    columns: tuple[str, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    rate_hz: float | None
-    what: str
-    derived: bool = False
-
-
 class _Index(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Content of `recording.json`."""
 
@@ -72,7 +61,7 @@ class _Index(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mounting: str
     subject: dict[str, float | str]
     has_building: bool
-    sensors: tuple[_Spec, ...]
+    sensors: tuple[SensorSpec, ...]
     arrays: dict[str, _Array]
 
 
@@ -85,22 +74,39 @@ def write(recording: Recording, folder: Path | str) -> None:
     folder = Path(folder)
     if folder.exists():
         raise RecordingError(f"{folder} exists; choose another folder or delete it")
-    folder.parent.mkdir(parents=True, exist_ok=True)
     arrays = _arrays(recording)
-    index = _describe(recording, arrays)
-    scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
+    index = _Index(
+        format=FORMAT,
+        version=VERSION,
+        id=recording.id,
+        device=recording.device,
+        mounting=recording.mounting,
+        subject=dict(recording.subject),
+        has_building=recording.building is not None,
+        sensors=tuple(stream.spec for stream in recording.streams.values()),
+        arrays={name: _Array(values.shape, values.dtype.str) for name, values in arrays.items()},
+    )
+    with new_folder(folder) as scratch:
         for name, values in arrays.items():
             np.save(scratch / f"{name}.npy", values, allow_pickle=False)
         if recording.building is not None:
             geojson.write(recording.building, scratch / BUILDING)
-        (scratch / INDEX).write_bytes(msgspec.json.format(msgspec.json.encode(index)))
+        (scratch / INDEX).write_bytes(msgspec.json.format(msgspec.json.encode(index, enc_hook=np.ndarray.tolist)))
+
+
+@contextlib.contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder to be filled, which has its name once it is whole and on the disk; nothing is left of one that fails."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        yield scratch
         for place in scratch.iterdir():
             sync(place)
         scratch.chmod(0o755)
         scratch.rename(folder)
     except BaseException:
-        shutil.rmtree(scratch)
+        shutil.rmtree(scratch, ignore_errors=True)
         raise
     sync(folder.parent)
 
@@ -119,7 +125,7 @@ def read(folder: Path | str) -> Recording:
         return Recording(
             id=index.id,
             building=geojson.read(folder / BUILDING) if index.has_building else None,
-            streams={spec.name: _stream(spec, arrays) for spec in index.sensors},
+            streams={spec.name: SensorStream(spec, arrays[f"stream.{spec.name}"]) for spec in index.sensors},
             reference=Trajectory(**reference),
             subject=index.subject,
             device=index.device,
@@ -132,7 +138,10 @@ def read(folder: Path | str) -> Recording:
 
 
 def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
-    """Every array of a recording by the stem of its file."""
+    """Every array of a recording by the stem of its file; refuses what cannot be stored."""
+    for key, fact in recording.subject.items():
+        if not isinstance(fact, str) and not math.isfinite(fact):
+            raise RecordingError(f"recording {recording.id!r}: subject fact {key!r} is {fact}; leave it out")
     for name in recording.streams:
         if not _NAME.fullmatch(name):
             raise RecordingError(f"a sensor named {name!r} cannot be stored; use lower-case letters, digits and _")
@@ -144,50 +153,16 @@ def _arrays(recording: Recording) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _describe(recording: Recording, arrays: Mapping[str, NDArray[Any]]) -> _Index:
-    for key, fact in recording.subject.items():
-        if not isinstance(fact, str) and not math.isfinite(fact):
-            raise RecordingError(f"recording {recording.id!r}: subject fact {key!r} is {fact}; leave it out")
-    return _Index(
-        format=FORMAT,
-        version=VERSION,
-        id=recording.id,
-        device=recording.device,
-        mounting=recording.mounting,
-        subject=dict(recording.subject),
-        has_building=recording.building is not None,
-        sensors=tuple(
-            _Spec(
-                name=spec.name,
-                columns=spec.columns,
-                low=tuple(spec.low.tolist()),
-                high=tuple(spec.high.tolist()),
-                rate_hz=spec.rate_hz,
-                what=spec.what,
-                derived=spec.derived,
-            )
-            for spec in (stream.spec for stream in recording.streams.values())
-        ),
-        arrays={name: _Array(values.shape, values.dtype.str) for name, values in arrays.items()},
-    )
-
-
-def _stream(spec: _Spec, arrays: Mapping[str, NDArray[Any]]) -> SensorStream:
-    low, high = np.array(spec.low), np.array(spec.high)
-    restored = SensorSpec(spec.name, spec.columns, low, high, spec.rate_hz, spec.what, spec.derived)
-    return SensorStream(restored, arrays[f"stream.{spec.name}"])
-
-
 def _read_index(path: Path) -> _Index:
     try:
         with path.open("rb") as stream:
             content = stream.read(_MAX_INDEX_BYTES)
-        index = msgspec.json.decode(content, type=_Index)
+        index = msgspec.json.decode(content, type=_Index, dec_hook=lambda _, numbers: np.array(numbers))
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read: {error.strerror}; expected a folder that pdrbench wrote a recording into"
         ) from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecordingError) as error:
         raise RecordingError(f"{path}: {error}; the file is torn or foreign: write the recording again") from error
     if (index.format, index.version) != (FORMAT, VERSION):
         raise RecordingError(

@@ -29,7 +29,7 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.sensors.checks import SAMPLED
 from pdrbench_formats.recordings.assemble import Tally
-from pdrbench_formats.recordings.columnguess import sensor_by, sensor_in, split_unit, unit_of
+from pdrbench_formats.recordings.columnnames import sensor_by, sensor_in, split_unit, unit_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 from pdrbench_formats.recordings.joined import SensorTable, join_tables
 

@@ -13,7 +13,6 @@ several units in one bag, of which the one with most messages is read; drivers w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -30,9 +29,7 @@ from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, places, seconds, unit_quaternions
 from pdrbench_formats.recordings.attitude import device_to_building
-from pdrbench_formats.recordings.mcap import MAGIC as MCAP
-from pdrbench_formats.recordings.mcap import read_mcap
-from pdrbench_formats.recordings.ros_messages import IMU, ODOMETRY, POSES, Topic, kind_of
+from pdrbench_formats.recordings.ros_messages import IMU, MCAP, ODOMETRY, POSES, Topic, kind_of, read_mcap
 
 BAG1: Final = b"#ROSBAG V2.0"
 SQLITE: Final = b"SQLite format 3\0"
@@ -175,35 +172,25 @@ def _mcap_files(path: Path) -> list[Path]:
 
 def _of_bag(path: Path, tally: Tally) -> dict[str, Topic]:
     """Messages by topic of what rosbags reads."""
-    topics: dict[str, Topic] = {}
-    for count, (topic, kind, bag_ns, raw, is_cdr) in enumerate(_messages(path, tally)):
-        if count >= MAX_MESSAGES:
-            raise RecordingError(f"{path}: more than {MAX_MESSAGES} messages; split the bag")
-        if topic not in topics:
-            topics[topic] = Topic(kind, "cdr" if is_cdr else "ros1")
-        topics[topic].bag_ns.append(bag_ns)
-        topics[topic].messages.append(raw)
-    return topics
-
-
-def _messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, bytes, bool]]:
-    """Topic, kind, nanoseconds in the bag and content of every message that is read, and whether it is in CDR."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise RecordingError(f"{path}: bags need rosbags: pip install pdrbench[formats]") from error
-    place = _bag(path)
+    place, topics = _bag(path), dict[str, Topic]()
     try:
         with AnyReader([place], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
-            wanted = []
+            wanted = [connection for connection in bag.connections if kind_of(connection.msgtype)]
             for connection in bag.connections:
-                if kind_of(connection.msgtype):
-                    wanted.append(connection)
-                else:
-                    tally.skipped[connection.topic] += connection.msgcount
-            for connection, bag_ns, raw in bag.messages(connections=wanted) if wanted else ():
-                yield connection.topic, kind_of(connection.msgtype), int(bag_ns), bytes(raw), bag.is2
+                tally.skipped[connection.topic] += 0 if connection in wanted else connection.msgcount
+            messages = bag.messages(connections=wanted) if wanted else ()
+            for count, (connection, bag_ns, raw) in enumerate(messages):
+                if count >= MAX_MESSAGES:
+                    raise RecordingError(f"{path}: more than {MAX_MESSAGES} messages; split the bag")
+                encoding = "cdr" if bag.is2 else "ros1"
+                topic = topics.setdefault(connection.topic, Topic(kind_of(connection.msgtype), encoding))
+                topic.bag_ns.append(int(bag_ns))
+                topic.messages.append(bytes(raw))
     except RecordingError:
         raise
     except Exception as error:  # the parsers of bags raise whatever a damaged file leads them to
@@ -211,6 +198,7 @@ def _messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, bytes, 
             f"{path}: the bag cannot be read ({type(error).__name__}: {str(error)[:200]}); "
             f"repair it with `rosbag reindex` or `ros2 bag reindex`, or copy it again"
         ) from error
+    return topics
 
 
 def _bag(path: Path) -> Path:

@@ -26,7 +26,7 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.compressed import plain_name
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
@@ -69,23 +69,31 @@ _TURN_EAST: Final = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # x north,
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """The tables of one export, by name of the sensor."""
+    """The tables of one export, by name of the sensor, and the time from which their rows count."""
 
     path: Path
     tables: Mapping[str, DelimitedTable]
     metadata: Mapping[str, str]
+    origin_ns: int
 
-    def rows(self, name: str, columns: tuple[str, ...]) -> tuple[np.ndarray[Any, Any], FloatArray] | None:
-        """Times in nanoseconds (T,) and columns (T, C) of a sensor; None where it delivered nothing."""
+    def rows(self, name: str, columns: tuple[str, ...]) -> FloatArray | None:
+        """(T, 1 + C) seconds since `origin_ns`, and columns of a sensor; None where it delivered nothing."""
         table = self.tables.get(name)
         if table is None or not len(table):
             return None
         table.require([TIME, *columns])
-        time_ns = table.whole(TIME)
-        if time_ns is None:
-            stamp = table.numbers(TIME)
-            time_ns = np.where(np.isfinite(stamp), stamp, 0).astype(np.int64)
-        return time_ns, table.table(columns)
+        return np.column_stack([seconds(_times_ns(table), self.origin_ns), table.table(columns)])
+
+
+def _times_ns(table: DelimitedTable) -> IntArray:
+    """(T,) nanoseconds since 1970, 0 where there are none."""
+    whole = table.whole(TIME)
+    return whole if whole is not None else np.nan_to_num(table.numbers(TIME), posinf=0.0, neginf=0.0).astype(np.int64)
+
+
+def _origin_ns(tables: Mapping[str, DelimitedTable]) -> int:
+    """The earliest time in tables, from which their rows count."""
+    return min((int(_times_ns(table).min()) for table in tables.values() if len(table)), default=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +126,13 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
             f"{path}: no accelerometer, gyroscope, barometer or WiFi in it, only "
             f"{', '.join(sorted(tally.skipped)) or 'empty files'}; switch these sensors on in the app and record again"
         )
-    origin_ns = min(int(time_ns.min()) for time_ns, _ in streams.values())
+    origin_ns = export.origin_ns
     device = export.metadata.get("device name", "") or export.metadata.get("deviceName", "")
     if "'" in device or "’" in device:  # a name that a person gave: Anna's iPhone
         device = export.metadata.get("platform", "")
     return assemble(
         path,
-        {name: np.column_stack([seconds(time_ns, origin_ns), rows]) for name, (time_ns, rows) in streams.items()},
+        streams,
         origin=Origin(device=device, start_unix_s=origin_ns * 1e-9 if origin_ns > 1e17 else None),
         tally=tally,
         allow_unsorted=("wifi", "ble", "baro", "accel", "gyro", "mag", "rotation"),
@@ -142,18 +150,18 @@ def convention_of(export: Export, tally: Tally) -> Convention:
     attitude, signs = export.rows("Orientation", _WXYZ), None
     if attitude is not None:
         signs = _signs(attitude, accel)
-        if signs is None and (turned := _signs(attitude, (accel[0], -accel[1]))) is not None:
+        if signs is None and (turned := _signs(attitude, accel * [1.0, -1.0, -1.0, -1.0])) is not None:
             signs, is_apple = turned, not is_apple
             seen = f"the attitude of the phone turns gravity down: the sign is that of {_SYSTEM[is_apple]}"
             tally.found("accel-sign, attitude", "accel", seen)
     elif "Gravity" in vectors or "Accelerometer" not in vectors:
         remedy = "keep Metadata.csv beside the other files, or record with Standardise Units & Frames"
-        note_face_down(tally, accel[1], remedy)
+        note_face_down(tally, accel[:, 1:], remedy)
     return Convention(is_apple, in_g, signs)
 
 
-def streams_of(export: Export, convention: Convention, tally: Tally) -> dict[str, tuple[Any, FloatArray]]:
-    """Times in nanoseconds (T,) and values (T, C - 1) by sensor, as `pdrbench.sensors` has them."""
+def streams_of(export: Export, convention: Convention, tally: Tally) -> dict[str, FloatArray]:
+    """Rows (T, C) by sensor, as `pdrbench.sensors` has them, in seconds since `origin_ns` of the export."""
     vectors, streams = _vectors(export), {}
     accel = _acceleration(vectors, convention.is_apple, convention.in_g, tally)
     if accel is not None:
@@ -165,26 +173,26 @@ def streams_of(export: Export, convention: Convention, tally: Tally) -> dict[str
         name = next((name for name in names if name in vectors), None)
         if name is not None:
             streams[sensor] = vectors[name]
-            tally.skipped.update({n: len(vectors[n][0]) for n in names if n in vectors and n != name})
+            tally.skipped.update({n: len(vectors[n]) for n in names if n in vectors and n != name})
     if accel is not None and (attitude := export.rows("Orientation", _WXYZ)) is not None:
-        time_ns, q = attitude
         if convention.signs is None:
-            tally.skipped["Orientation (does not turn gravity up)"] += len(q)
+            tally.skipped["Orientation (does not turn gravity up)"] += len(attitude)
         else:
-            q = q * convention.signs
-            streams["rotation"] = time_ns, _east(q) if convention.is_apple else unit_quaternions(q)
+            q = attitude[:, 1:] * convention.signs
+            q = _east(q) if convention.is_apple else unit_quaternions(q)
+            streams["rotation"] = np.column_stack([attitude[:, 0], q])
     others = {"baro": export.rows("Barometer", ("pressure",)), "wifi": _wifi(export), "ble": _ble(export)}
     return streams | {name: rows for name, rows in others.items() if rows is not None}
 
 
-def _vectors(export: Export) -> dict[str, tuple[Any, FloatArray]]:
+def _vectors(export: Export) -> dict[str, FloatArray]:
     return {name: rows for name in _VECTORS if (rows := export.rows(name, _XYZ)) is not None}
 
 
-def _signs(attitude: tuple[Any, FloatArray], accel: tuple[Any, FloatArray]) -> FloatArray | None:
+def _signs(attitude: FloatArray, accel: FloatArray) -> FloatArray | None:
     """(4,) that make of its quaternions turns to the building; None where neither way turns that acceleration up."""
-    (time_ns, q), origin_ns = attitude, int(attitude[0].min())
-    turned = device_to_building(seconds(time_ns, origin_ns), q, seconds(accel[0], origin_ns), accel[1])
+    q = attitude[:, 1:]
+    turned = device_to_building(attitude[:, 0], q, accel[:, 0], accel[:, 1:])
     return None if turned is None else np.ones(4) if turned is q else _INVERSE
 
 
@@ -202,38 +210,33 @@ def _open(path: Path, tally: Tally) -> Export:
 
 def _from_tables(path: Path, container: Container, tally: Tally) -> Export:
     tables: dict[str, DelimitedTable] = {}
-    homes: dict[str, list[str]] = defaultdict(list)
     metadata: dict[str, str] = {}
-    for name in container.names(".csv"):
-        stem = PurePosixPath(name).stem
-        if stem.startswith("Bluetooth-"):
-            stem = "Bluetooth"
-        homes[stem].append(name)
+    homes: dict[str, list[str]] = defaultdict(list)
     for name in container.sizes:
-        if not name.lower().endswith(".csv"):
+        stem = PurePosixPath(name).stem
+        if name.lower().endswith(".csv"):
+            homes["Bluetooth" if stem.startswith("Bluetooth-") else stem].append(name)
+        else:
             tally.skipped[PurePosixPath(name).suffix or name] += 1
     for stem, names in homes.items():
-        if stem == "Metadata":
-            if len(names) > 1:
-                _refuse_second(path, names)
-            table = read_delimited(container.read(names[0]), container.label(names[0]))
-            metadata = {key: texts[0] for key in table.columns if (texts := table.texts(key))}
-        elif stem in USED:
-            if len(names) > 1 and stem != "Bluetooth":
-                _refuse_second(path, names)
-            parts = []
-            for name in names:
-                if container.sizes[name] == 0:
-                    tally.skipped[f"{stem} (empty file)"] += 1
-                    continue
-                parts.append(read_delimited(container.read(name), container.label(name)))
-                tally.mended += parts[-1].mended
-                tally.dropped += parts[-1].dropped
-            if parts:
-                tables[stem] = parts[0] if len(parts) == 1 else _joined(parts)
-        else:
+        if stem not in (*USED, "Metadata"):
             tally.skipped[stem] += len(names)
-    return Export(path, tables, metadata)
+            continue
+        if len(names) > 1 and stem != "Bluetooth":
+            raise RecordingError(
+                f"{path}: {names[0]} and {names[1]} are of two recordings or two phones; read the folder of one of them"
+            )
+        whole = [name for name in names if container.sizes[name]]
+        tally.skipped[f"{stem} (empty file)"] += len(names) - len(whole)
+        parts = [read_delimited(container.read(name), container.label(name)) for name in whole]
+        for part in parts:
+            tally.mended += part.mended
+            tally.dropped += part.dropped
+        if parts and stem == "Metadata":
+            metadata = {key: texts[0] for key in parts[0].columns if (texts := parts[0].texts(key))}
+        elif parts:
+            tables[stem] = parts[0] if len(parts) == 1 else _joined(parts)
+    return Export(path, tables, metadata, _origin_ns(tables))
 
 
 def _joined(parts: list[DelimitedTable]) -> DelimitedTable:
@@ -241,12 +244,6 @@ def _joined(parts: list[DelimitedTable]) -> DelimitedTable:
     shared = [name for name in parts[0].columns if all(name in part.columns for part in parts)]
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in shared}
     return DelimitedTable(parts[0].path.parent, columns, parts[0].first_line, Counter(), Counter())
-
-
-def _refuse_second(path: Path, names: list[str]) -> None:
-    raise RecordingError(
-        f"{path}: {names[0]} and {names[1]} are of two recordings or two phones; read the folder of one of them"
-    )
 
 
 def _from_json(path: Path, content: bytes, tally: Tally) -> Export:
@@ -277,7 +274,7 @@ def export_of(path: Path, samples: Iterable[tuple[str, Mapping[str, Any]]], tall
             except ValueError:
                 columns[key] = np.array(values, dtype=object)
         tables[sensor] = DelimitedTable(path / sensor, columns, 1, tally.mended, tally.dropped)
-    return Export(path, tables, metadata)
+    return Export(path, tables, metadata, _origin_ns(tables))
 
 
 def _platform(export: Export, vectors: Mapping[str, Any], tally: Tally) -> tuple[bool, bool]:
@@ -285,7 +282,7 @@ def _platform(export: Export, vectors: Mapping[str, Any], tally: Tally) -> tuple
     platform = export.metadata.get("platform", "").lower()
     standardised = export.metadata.get("standardisation", "").lower() == "true"
     raw = vectors.get("AccelerometerUncalibrated")
-    raw_length = float(np.nanmedian(np.linalg.norm(raw[1], axis=1))) if raw is not None else 0.0
+    raw_length = float(np.nanmedian(np.linalg.norm(raw[:, 1:], axis=1))) if raw is not None else 0.0
     in_g = _G_RANGE[0] <= raw_length <= _G_RANGE[1]
     if platform:
         return platform == "ios" and not standardised, in_g
@@ -294,36 +291,29 @@ def _platform(export: Export, vectors: Mapping[str, Any], tally: Tally) -> tuple
     is_apple = in_g
     name = "AccelerometerUncalibrated"
     if raw is None and "Gravity" in vectors:
-        name, is_apple = "Gravity", float(np.nanmedian(vectors["Gravity"][1][:, 2])) < 0.0
+        name, is_apple = "Gravity", float(np.nanmedian(vectors["Gravity"][:, 3])) < 0.0
     if raw is not None or "Gravity" in vectors:
         seen = f"missing: which phone is not said; {name} looks like {'an iPhone' if is_apple else 'Android'}"
         tally.found("platform", "Metadata.csv", seen)
     return is_apple, in_g
 
 
-def _acceleration(
-    vectors: Mapping[str, Any], is_apple: bool, in_g: bool, tally: Tally
-) -> tuple[Any, FloatArray] | None:
-    """Times and specific force in Android's sign, from the best of the files."""
-    sign = -1.0 if is_apple else 1.0
-    if "TotalAcceleration" in vectors:
-        time_ns, force = vectors["TotalAcceleration"]
-        return time_ns, sign * force
-    if "Accelerometer" in vectors and "Gravity" in vectors:
-        (time_ns, linear), (gravity_ns, gravity) = vectors["Accelerometer"], vectors["Gravity"]
-        if len(time_ns) == len(gravity_ns) and (time_ns == gravity_ns).all():
-            return time_ns, sign * (linear + gravity)
-        tally.mended["gravity interpolated to the times of the accelerometer"] += len(time_ns)
-        pairs = ((time_ns, linear), (gravity_ns, gravity))
-        force = with_gravity(*(np.column_stack([seconds(ns, int(gravity_ns.min())), rows]) for ns, rows in pairs))
-        return time_ns, sign * force[:, 1:]
-    if "AccelerometerUncalibrated" in vectors:
-        time_ns, force = vectors["AccelerometerUncalibrated"]
-        return time_ns, sign * force * (STANDARD_GRAVITY_MPS2 if in_g else 1.0)
-    if "Accelerometer" in vectors:
-        time_ns, linear = vectors["Accelerometer"]
-        return time_ns, sign * linear  # without gravity: a finding says so
-    return None
+def _acceleration(vectors: Mapping[str, FloatArray], is_apple: bool, in_g: bool, tally: Tally) -> FloatArray | None:
+    """(T, 4) times and specific force in Android's sign, from the best of the files."""
+    best = ("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated")
+    if "Gravity" not in vectors:  # which the second lacks: a finding says so where there is no other
+        best = ("TotalAcceleration", "AccelerometerUncalibrated", "Accelerometer")
+    name = next((name for name in best if name in vectors), None)
+    if name is None:
+        return None
+    rows = vectors[name]
+    if name == "Accelerometer" and "Gravity" in vectors:
+        gravity = vectors["Gravity"]
+        if not np.array_equal(rows[:, 0], gravity[:, 0]):
+            tally.mended["gravity interpolated to the times of the accelerometer"] += len(rows)
+        rows = with_gravity(rows, gravity)
+    scale = (-1.0 if is_apple else 1.0) * (STANDARD_GRAVITY_MPS2 if in_g and name.endswith("Uncalibrated") else 1.0)
+    return rows * [1.0, scale, scale, scale]
 
 
 def _east(q: FloatArray) -> FloatArray:
@@ -333,24 +323,22 @@ def _east(q: FloatArray) -> FloatArray:
     return unit_quaternions(np.column_stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w]))
 
 
-def _wifi(export: Export) -> tuple[Any, FloatArray] | None:
+def _wifi(export: Export) -> FloatArray | None:
     rows = export.rows("WiFi", ("level", "frequency"))
     if rows is None:
         return None
-    time_ns, values = rows
     address = [text.encode() for text in export.tables["WiFi"].texts("bssid")]
-    return time_ns, np.column_stack([opaque_ids("wifi", address), values, np.zeros(len(values))])
+    return np.column_stack([rows[:, 0], opaque_ids("wifi", address), rows[:, 1:], np.zeros(len(rows))])
 
 
-def _ble(export: Export) -> tuple[Any, FloatArray] | None:
+def _ble(export: Export) -> FloatArray | None:
     rows = export.rows("Bluetooth", ("rssi",))
     if rows is None:
         return None
-    time_ns, values = rows
     table = export.tables["Bluetooth"]
-    power = table.numbers("txPowerLevel") if "txPowerLevel" in table.columns else np.zeros(len(values))
+    power = table.numbers("txPowerLevel") if "txPowerLevel" in table.columns else np.zeros(len(rows))
     address = [text.encode() for text in table.texts("id")]
-    return time_ns, np.column_stack([opaque_ids("ble", address), values, np.nan_to_num(power)])
+    return np.column_stack([rows[:, 0], opaque_ids("ble", address), rows[:, 1], np.nan_to_num(power)])
 
 
 def sniff(head: Head) -> bool:

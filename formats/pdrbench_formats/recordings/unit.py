@@ -14,7 +14,6 @@ from pdrbench.io.log import Log
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Tally, assemble
 
-UT_PER_GAUSS: Final = 100.0
 MIRROR_Y: Final = np.array([1.0, -1.0])  # (2,) from a left-handed plane to a right-handed one
 MIN_SAMPLES: Final = 10  # fewer are no walk
 
@@ -23,7 +22,7 @@ def make_log(
     path: Path,
     clock_s: FloatArray,
     axes: Mapping[str, FloatArray],
-    reference: Trajectory | None = None,
+    reference: Trajectory,
     *,
     tally: Tally | None = None,
 ) -> Log:
@@ -33,7 +32,7 @@ def make_log(
         path: Named in errors.
         clock_s: (N,) time of every sample on the clock of the file, in the order of the file.
         axes: (N, 3) by sensor name, in the units of `pdrbench.sensors`, NaN where the file has no number.
-        reference: On that clock; None where all that is known is that the walk ends where it began.
+        reference: On that clock.
         tally: What the reader skipped, dropped or mended.
 
     Raises:
@@ -42,14 +41,6 @@ def make_log(
     tally = tally or Tally()
     again = repeated(path, clock_s, axes)
     tally.dropped["the same row twice"] += int(again.sum())
-    if reference is None:
-        reference = Trajectory(
-            t_s=clock_s[[0, -1]],
-            xy_m=np.zeros((2, 2)),
-            level=np.zeros(2, dtype=np.int64),
-            surveyed=np.ones(2, dtype=np.bool_),
-            z_m=np.zeros(2),
-        )
     streams = {name: np.column_stack([clock_s[~again], xyz[~again]]) for name, xyz in axes.items()}
     return assemble(path, streams, reference=reference, tally=tally)
 

@@ -71,11 +71,10 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         force = np.where(whole, to_world(inverse(np.where(whole, q, [1.0, 0.0, 0.0, 0.0])), world_mps2), np.nan)
         streams["accel"] = np.column_stack([t_s, force])
         tally.mended["gravity added back by the quaternion"] += len(t_s)
-    if "Gyr_X" in table.columns:
-        factor = 1.0 if is_mt else np.pi / 180.0
-        streams["gyro"] = np.column_stack([t_s, table.table(["Gyr_X", "Gyr_Y", "Gyr_Z"]) * factor])
-    if "Pressure" in table.columns:
-        streams["baro"] = np.column_stack([t_s, table.numbers("Pressure") / 100.0])
+    rates = ("Gyr_X", "Gyr_Y", "Gyr_Z"), 1.0 if is_mt else np.pi / 180.0
+    for name, (columns, factor) in {"gyro": rates, "baro": (("Pressure",), 0.01)}.items():
+        if columns[0] in table.columns:
+            streams[name] = np.column_stack([t_s, table.table(columns) * factor])
     if "Mag_X" in table.columns:
         tally.skipped["magnetometer in arbitrary units"] += len(t_s)
     device = "Xsens MT" if is_mt else "Xsens DOT"

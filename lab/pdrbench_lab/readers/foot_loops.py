@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -23,10 +24,12 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
+from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Tally
 from pdrbench_formats.recordings.delimited import BLANKS, DelimitedTable, read_delimited
-from pdrbench_formats.recordings.unit import MIN_SAMPLES, UT_PER_GAUSS, make_log
+from pdrbench_formats.recordings.unit import MIN_SAMPLES, make_log, repeated
 
+UT_PER_GAUSS: Final = 100.0
 TICKS_PER_S: Final = 19_660_800
 HEADER: Final = b"Header:"
 _HEADER_WITHIN: Final = 2000  # bytes; it is the fourth line
@@ -55,7 +58,14 @@ def read(path: Path | str) -> Log:
     tally.dropped["the last line is cut off"] += cut
     tally.mended.update(text.mended)
     tally.skipped["numbers of rows that are not there"] += num_missing
-    return make_log(path, clock_s, axes, tally=tally)
+    return make_log(path, clock_s, axes, closed(path, clock_s, axes), tally=tally)
+
+
+def closed(path: Path, clock_s: FloatArray, axes: Mapping[str, FloatArray]) -> Trajectory:
+    """The two ends of a walk at times (N,) that ends where it began, at the origin; refuses what `repeated` does."""
+    repeated(path, clock_s, axes)
+    level, surveyed = np.zeros(2, dtype=np.int64), np.ones(2, dtype=np.bool_)
+    return Trajectory(clock_s[[0, -1]], np.zeros((2, 2)), level, surveyed, z_m=np.zeros(2))
 
 
 def _rows(content: bytes, path: Path) -> tuple[DelimitedTable, int]:

@@ -18,6 +18,7 @@ from pdrbench.io.text import read_text
 from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Tally
 from pdrbench_formats.recordings.delimited import read_delimited
 from pdrbench_formats.recordings.unit import make_log
+from pdrbench_lab.readers.foot_loops import closed
 
 TIME: Final = "Time (s)"
 _GYRO: Final = ("Gyroscope X (deg/s)", "Gyroscope Y (deg/s)", "Gyroscope Z (deg/s)")
@@ -39,7 +40,8 @@ def read(path: Path | str) -> Log:
     tally.skipped.update(dict.fromkeys(others, len(table)))
     tally.mended.update(text.mended)
     tally.dropped += table.dropped
-    return make_log(path, table.numbers(TIME), axes, tally=tally)
+    clock_s = table.numbers(TIME)
+    return make_log(path, clock_s, axes, closed(path, clock_s, axes), tally=tally)
 
 
 def sniff(head: Head) -> bool:

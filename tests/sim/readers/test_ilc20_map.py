@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError
 from pdrbench_formats.detect import detect, read_plan
-from pdrbench_formats.maps.houses import unreachable
+from pdrbench_formats.maps.plan import unreachable
 from pdrbench_sim.readers import ilc20, ilc20_map
 
 WIDTH_M, HEIGHT_M = 60.0, 40.0
