@@ -39,8 +39,7 @@ from pdrbench.building.convex import compile_map
 from pdrbench.datasets import find, is_available
 from pdrbench.errors import MapError, PdrbenchError, RecordingError
 from pdrbench_formats.detect import detect, read_plan
-from pdrbench_formats.maps.houses import unreachable
-from pdrbench_formats.maps.plan import Plan
+from pdrbench_formats.maps.plan import Plan, unreachable
 
 
 def is_whole(plan: Plan) -> bool:

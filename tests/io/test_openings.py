@@ -12,9 +12,8 @@ from shapely import affinity, box
 
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.maps.builder import BuildingBuilder
-from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.openings import is_guessed, with_doors
-from pdrbench_formats.maps.plan import Plan
+from pdrbench_formats.maps.plan import Plan, unreachable
 
 
 def rooms_along(corridor_m: float, wall_m: float, rng: np.random.Generator) -> dict[str, Any]:

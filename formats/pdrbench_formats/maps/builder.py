@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
 import numpy as np
+import shapely
 
 from pdrbench.building.building import Building
 from pdrbench.building.polygons import Zone
@@ -42,8 +43,6 @@ class BuildingBuilder:
     Args:
         name: Of the building.
         strict: Raise a `MapError` for the first thing that would have to be repaired.
-        wall_m: Thickness of a wall that is drawn as a line.
-        door_m: Width of a door that is drawn as a point.
 
     >>> from shapely import box
     >>> builder = BuildingBuilder("two rooms").add_level(0)
@@ -53,8 +52,8 @@ class BuildingBuilder:
     ['0/west', '0/east', '0/door-0']
     """
 
-    def __init__(self, name: str = "", *, strict: bool = False, wall_m: float = WALL_M, door_m: float = DOOR_M) -> None:
-        self._name, self._wall_m, self._door_m = name, wall_m, door_m
+    def __init__(self, name: str = "", *, strict: bool = False) -> None:
+        self.name = name
         self._levels: dict[int, DrawnLevel] = {}
         self._connections: list[Connection] = []
         self._zones: list[Zone] = []
@@ -119,14 +118,12 @@ class BuildingBuilder:
 
     def add_wall(self, geometry: Any, level: int | None = None, *, thickness_m: float | None = None) -> Self:
         """Adds a wall, window or anything else that no one passes: a polygon, or a line with a thickness."""
-        import shapely
-
         place = self._level(level)
         for part in self._parts(geometry, ring=False):
             if part.geom_type == "Polygon":
                 place.walls += self._polygons(part, f"a wall on level {place.number}", place.number)
             elif part.geom_type in ("LineString", "LinearRing") and part.length > 0:
-                half_m = (self._wall_m if thickness_m is None else thickness_m) / 2
+                half_m = (WALL_M if thickness_m is None else thickness_m) / 2
                 place.walls.append(shapely.buffer(part, half_m, cap_style="square", join_style="mitre"))
         return self
 
@@ -138,9 +135,9 @@ class BuildingBuilder:
         for part in self._parts(geometry, ring=False):
             if part.geom_type == "Polygon":
                 for shape in self._polygons(part, f"a door on level {place.number}", place.number):
-                    place.doors.append((shape, self._door_m, name))
+                    place.doors.append((shape, DOOR_M, name))
             else:
-                place.doors.append((part, width_m or self._door_m, name))
+                place.doors.append((part, width_m or DOOR_M, name))
         return self
 
     def connect(
@@ -187,6 +184,15 @@ class BuildingBuilder:
             self._add_zone(name, name, shape, place.number, use)
         return self
 
+    def note_half_level(self, id: str, what: str, shape: Any, level: object) -> Self:
+        """Reports something that was left out, since its level is no whole one that has floor."""
+        where = f"of {shape.area:.1f} m² on level {level}, which is no whole level that has floor"
+        return self.note("level left out", f"{id}: {what} {where}: left out")
+
+    def note_geometry(self, what: str) -> Self:
+        """Reports geometry that was mended before the builder was given it."""
+        return self.note("geometry", what)
+
     def note(self, kind: str, what: str, level: int | None = None) -> Self:
         """Reports something that was mended before the builder was given it."""
         self._repairs.add(kind, "plan" if level is None else f"level {level}", what, level=level)
@@ -202,9 +208,7 @@ class BuildingBuilder:
             raise MapError(f"{self._num_vertices} vertices; simplify the drawing to {MAX_VERTICES} or fewer")
         repairs, height_m = self._repairs, {number: level.height_m for number, level in self._levels.items()}
         shafts = shafts_of(self._connections)
-        by_level = {
-            number: cells_of(level, shafts, self._door_m, repairs) for number, level in sorted(self._levels.items())
-        }
+        by_level = {number: cells_of(level, shafts, DOOR_M, repairs) for number, level in sorted(self._levels.items())}
         layouts = {
             k: layout
             for k, shaft in enumerate(shafts)
@@ -218,9 +222,9 @@ class BuildingBuilder:
             add_flights(joined, k, shafts[k], layout, height_m, repairs)
         joined.leave_out_unsound(repairs)
         if not joined.polygons:
-            raise MapError(f"building {self._name!r}: nothing to walk on; add_walkable() the floor of each level")
+            raise MapError(f"building {self.name!r}: nothing to walk on; add_walkable() the floor of each level")
         zones = [zone for zone in self._zones if zone.level in self._levels]
-        return Building(self._name, joined.floor_polygons(), tuple(zones))
+        return Building(self.name, joined.floor_polygons(), tuple(zones))
 
     # What is drawn.
 
@@ -234,8 +238,6 @@ class BuildingBuilder:
 
     def _parts(self, geometry: Any, *, ring: bool = True) -> list[Any]:
         """Simple parts of a geometry, whose vertices are counted."""
-        import shapely
-
         parts = simple_parts(geometry, ring=ring)
         self._num_vertices += int(shapely.get_num_coordinates(parts).sum())
         return parts
@@ -244,8 +246,6 @@ class BuildingBuilder:
         return valid_polygons(self._parts(geometry), where, level, self._repairs)
 
     def _add_zone(self, id: str, name: str, shape: Any, level: int, use: str) -> None:
-        import shapely
-
         own = unique_id(f"{level}/{id}", self._zone_ids)
         ring = shapely.get_coordinates(shapely.remove_repeated_points(shape, 1e-6).exterior)[:-1]
         self._zones.append(Zone(own, name, ring, level, use))

@@ -23,11 +23,12 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+import shapely
 
 from pdrbench.errors import MapError
 from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps import files
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import beside, member, name_of, opened, toml_table
 from pdrbench_formats.maps.layers import LAYERS, Drawn, Unit, add_levels, in_metres, kind_of
 from pdrbench_formats.maps.plan import Plan
 
@@ -45,12 +46,12 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     """
     path = Path(path)
     plan = _plan(path)
-    builder = BuildingBuilder(plan.name or name_of(path), strict=strict)
+    builder = BuildingBuilder(plan.name or files.name_of(path), strict=strict)
     skipped: Counter[str] = Counter()
     drawn = []
     for entry in plan.level:
         builder.add_level(entry.level, height_m=entry.height_m if len(plan.level) > 1 else 0.0)
-        shapes, stated = _drawing(beside(path, entry.drawing), skipped)
+        shapes, stated = _drawing(files.beside(path, entry.drawing), skipped)
         drawn.append((entry.level, in_metres(shapes, plan.unit, stated, builder, entry.level)))
     add_levels(builder, drawn, path)
     return finished(builder, "dxf", None, skipped)
@@ -76,7 +77,7 @@ def _plan(path: Path) -> _Plan:
                        f'    [[level]]\n    drawing = "{names[0]}"\n    level = 0\n    height_m = 0.0')  # fmt: skip
     if path.suffix != ".toml":
         return _Plan([_Entry(path.name)])
-    found: _Plan = toml_table(path, _Plan, "it needs [[level]] with drawing and level")
+    found: _Plan = files.toml_table(path, _Plan, "it needs [[level]] with drawing and level")
     if len({entry.level for entry in found.level}) != len(found.level) or not found.level:
         raise MapError(f"{path}: give one drawing for each level; levels are {[entry.level for entry in found.level]}")
     return found
@@ -122,7 +123,7 @@ def _document(path: Path) -> Any:
     except ImportError:
         raise MapError("reading DXF needs ezdxf: pip install pdrbench[maps]") from None
     logging.getLogger("ezdxf").setLevel(logging.CRITICAL)  # it prints what a file holds, as it is
-    content = member(opened(path), path.name)
+    content = files.member(files.opened(path), path.name)
     if _DWG.match(content):
         raise MapError(f"{path}: a DWG drawing, whose format is not public; save it as DXF 2010 or later")
     try:
@@ -147,7 +148,6 @@ def _entities(entities: Iterable[Any], block_layer: str = "0", depth: int = 0) -
 
 def _geometry(entity: Any, kind: str) -> Any:
     """A shapely geometry in units of the drawing; None for text, dimensions and other things without one."""
-    import shapely
     from ezdxf import path as paths
 
     if entity.dxftype() == "INSERT":

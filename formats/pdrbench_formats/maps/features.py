@@ -1,35 +1,28 @@
-"""Features of GeoJSON from strangers: members of files and archives, checked geometry, degrees and metres."""
+"""Features of GeoJSON from strangers: checked geometry, levels by their names, degrees and metres."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
-from typing import Any, Final, NoReturn, TypeVar
-from xml.etree import ElementTree
+from pathlib import Path
+from typing import Any, Final
 
 import msgspec
 import numpy as np
+import shapely
 
-from pdrbench.errors import MapError, RecordingError
-from pdrbench.geometry import FloatArray
-from pdrbench.io.compressed import plain_name
-from pdrbench.io.container import Container, open_container
+from pdrbench.errors import MapError
+from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame, frame_at
-from pdrbench.io.text import from_utf16
+from pdrbench_formats.maps.files import decoded, member
 
 WORDS: Final[Mapping[str, Any]] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
-MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
-MAX_NAME: Final = 250  # characters
-MAX_XML_DEPTH: Final = 100  # GML has 15 levels; what looks below each element takes the square of it
 MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is larger overflows squares
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
-_UTF16_DECLARED: Final = re.compile(rb"\A(\s*<\?xml[^>]*?)\s+encoding=.UTF-16(?:LE|BE)?.", re.I)
 _MAX_LEVEL: Final = 1000
-_Table = TypeVar("_Table")
 
 
 class _Feature(msgspec.Struct):
@@ -72,96 +65,20 @@ class Feature:
         return str(value).strip() if isinstance(value, (str, int, float)) and not isinstance(value, bool) else ""
 
 
-def opened(path: Path) -> Container:
-    """A file, folder or archive; `MapError` where it cannot be read."""
-    try:
-        return open_container(Path(path))
-    except RecordingError as error:
-        raise MapError(str(error)) from error
-
-
-def member(container: Container, name: str) -> bytes:
-    """The content of a member, UTF-16 as UTF-8 and without a byte-order mark, decompressed where it is compressed.
-
-    Raises:
-        MapError: It is missing, too large or damaged.
-    """
-    if name not in container.sizes and not container.is_file:
-        raise MapError(f"{container.path}: holds no {name!r}; it has {', '.join(sorted(container.sizes)[:12])}")
-    if container.sizes.get(name, 0) > MAX_MEMBER_BYTES:
-        raise MapError(f"{container.label(name)}: more than {MAX_MEMBER_BYTES >> 20} MiB; simplify the plan")
-    try:
-        content = from_utf16(container.read(name, MAX_MEMBER_BYTES + 1))
-    except RecordingError as error:
-        raise MapError(str(error)) from error
-    if len(content) > MAX_MEMBER_BYTES:
-        raise MapError(f"{container.label(name)}: more than {MAX_MEMBER_BYTES >> 20} MiB unpacked; simplify the plan")
-    return _UTF16_DECLARED.sub(rb"\1", content, count=1)
-
-
-def name_of(path: Path) -> str:
-    """The name of a file without its endings, for a building that has no other."""
-    return Path(plain_name(path.name)).stem
-
-
-def decoded(content: bytes, kind: Any, where: object) -> Any:
-    """JSON of a shape; `MapError` where it is none."""
-    try:
-        return msgspec.json.decode(content, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise MapError(f"{where}: {error}; copy or export the plan again") from error
-
-
-class _NoEntities(ElementTree.TreeBuilder):
-    def doctype(self, *_: object) -> NoReturn:
-        raise LookupError("it declares XML entities, which no plan needs")
-
-
-def xml_root(content: bytes, path: Path) -> ElementTree.Element:
-    """The root of an XML document, in whatever encoding it declares; `MapError` where it is none."""
-    try:
-        root = ElementTree.fromstring(content, ElementTree.XMLParser(target=_NoEntities()))
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two of encodings
-        raise MapError(f"{path}: not XML that can be read ({error}); export it again") from error
-    nodes = [root]
-    for _ in range(MAX_XML_DEPTH):
-        nodes = [child for node in nodes for child in node]
-    if nodes:
-        raise MapError(f"{path}: XML of more than {MAX_XML_DEPTH} levels; export it again")
-    return root
-
-
-def toml_table(path: Path, kind: type[_Table], needs: str) -> _Table:
-    """A TOML file of a shape; `MapError`, which says what it `needs`, where it is none."""
-    try:
-        return msgspec.convert(tomllib.loads(member(opened(path), path.name).decode()), kind)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
-        raise MapError(f"{path}: {error}; {needs}") from error
-
-
-def beside(table: Path, name: str) -> Path:
-    """The path of a file in the folder of a table that names it; `MapError` where it would lie elsewhere."""
-    inside = PurePosixPath(name)
-    if inside.is_absolute() or ".." in inside.parts or not 0 < len(name) <= MAX_NAME:
-        raise MapError(f"{table}: {name[:80]!r} is no file beside it; copy it there")
-    return table.parent / inside
-
-
-def read_features(container: Container, name: str) -> tuple[list[Feature], list[str]]:
-    """Features of a GeoJSON member; and what of them had to be mended, one line each.
+def read_features(container: Container, name: str, mended: Callable[[str], object]) -> list[Feature]:
+    """Features of a GeoJSON member; `mended` is told what of them had to be.
 
     Raises:
         MapError: Names file, feature and remedy.
     """
     where = container.label(name)
     collection: Collection = decoded(member(container, name), Collection, where)
-    return features_of(collection, str(where))
+    return features_of(collection, str(where), mended)
 
 
-def features_of(collection: Collection, where: str) -> tuple[list[Feature], list[str]]:
+def features_of(collection: Collection, where: str, mended: Callable[[str], object]) -> list[Feature]:
     """As `read_features`, of a collection that is decoded."""
-    found, mended = [], []
-    total = 0
+    found, total = [], 0
     for number, feature in enumerate(collection.features):
         tags = _with_level(feature.properties or {})
         id = str(feature.id if feature.id is not None else tags.get("id", number))
@@ -169,16 +86,16 @@ def features_of(collection: Collection, where: str) -> tuple[list[Feature], list
         if feature.geometry is None:
             continue  # IMDF has addresses and occupants, which have no place of their own
         shape, dropped = _shape(feature.geometry, own)
-        total += _count(shape)
+        total += int(shapely.get_num_coordinates(shape))
         if total > MAX_VERTICES:
             raise MapError(f"{where}: more than {MAX_VERTICES} vertices; simplify the plan")
         if shape.is_empty:
-            mended.append(f"{own}: empty geometry left out")
+            mended(f"{own}: empty geometry left out")
             continue
         if dropped:
-            mended.append(f"{own}: heights of vertices left out")
+            mended(f"{own}: heights of vertices left out")
         found.append(Feature(id, shape, tags, feature.feature_type, own))
-    return found, mended
+    return found
 
 
 def _with_level(tags: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -212,16 +129,8 @@ def level_number(text: str) -> float | None:
     return 1.0 + words["ordinals"].index(first) if first in words["ordinals"] else None
 
 
-def _count(shape: Any) -> int:
-    import shapely
-
-    return int(shapely.get_num_coordinates(shape))
-
-
 def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
     """A shapely geometry, and whether it had a third coordinate."""
-    import shapely
-
     kind = geometry.get("type")
     if kind == "GeometryCollection":
         members = geometry.get("geometries")
@@ -253,8 +162,6 @@ def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
 
 
 def _made(kind: str, nested: Any, where: str) -> Any:
-    import shapely
-
     match kind:
         case "Point":
             return shapely.Point(nested) if nested is not None else shapely.Point()
@@ -270,8 +177,6 @@ def _made(kind: str, nested: Any, where: str) -> Any:
 
 
 def _polygon(rings: Sequence[Sequence[tuple[float, float]]], where: str) -> Any:
-    import shapely
-
     if not rings or not rings[0]:
         return shapely.Polygon()
     for ring in rings:
@@ -290,8 +195,7 @@ def check_degrees(features: Iterable[Feature], where: object) -> None:
                 f"{feature.where}: ({x0:g}, {y0:g}) is no longitude and latitude: {why}; this format has degrees, "
                 f"longitude first"
             )
-    bounds = np.array([feature.shape.bounds for feature in features])
-    if len(bounds) and (bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max() > 0.5:
+    if extent(feature.shape for feature in features) > 0.5:
         raise MapError(f"{where}: the plan reaches over more than half a degree; no building does, check for swaps")
 
 
@@ -303,17 +207,17 @@ def frame_of(features: Sequence[Feature]) -> GeoFrame:
 
 def to_metres(shape: Any, geo: GeoFrame) -> Any:
     """A geometry in degrees, longitude first, in metres of a frame."""
-    import shapely
-
-    def convert(degrees: FloatArray) -> FloatArray:
-        return geo.to_local(degrees[:, 1], degrees[:, 0])
-
-    return shapely.transform(shape, convert)
+    return shapely.transform(shape, lambda degrees: geo.to_local(degrees[:, 1], degrees[:, 0]))
 
 
 def is_degrees(features: Sequence[Feature]) -> bool:
     """Whether coordinates can be degrees: in the range of longitude and latitude, and as close as in one building."""
-    bounds = np.array([feature.shape.bounds for feature in features])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    in_range = (np.abs(np.concatenate([low, high])) <= (180.0, 90.0, 180.0, 90.0)).all()
-    return bool(in_range and (high - low).max() < 0.05)
+    shapes = [feature.shape for feature in features]
+    in_range = (np.abs(shapely.total_bounds(shapes)) <= (180.0, 90.0, 180.0, 90.0)).all()
+    return bool(in_range and extent(shapes) < 0.05)
+
+
+def extent(shapes: Iterable[Any]) -> float:
+    """The longer side of what shapes cover together; 0 where there are none."""
+    x0, y0, x1, y1 = shapely.total_bounds(list(shapes))
+    return float(np.nan_to_num(max(x1 - x0, y1 - y0)))

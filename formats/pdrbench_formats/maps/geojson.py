@@ -18,7 +18,7 @@ from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.reader import Reader
-from pdrbench_formats.maps.features import decoded, member, opened
+from pdrbench_formats.maps.files import decoded, member, opened
 
 FORMAT: Final = "pdrbench-building"
 _Ring = Annotated[list[tuple[float, float]], msgspec.Meta(min_length=4)]

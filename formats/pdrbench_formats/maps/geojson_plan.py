@@ -13,26 +13,23 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
-import numpy as np
+import shapely
 
 from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.maps import osm_indoor, shapefile
+from pdrbench_formats.maps import files, osm_indoor, shapefile
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
     WORDS,
     Collection,
     Feature,
     check_degrees,
-    decoded,
+    extent,
     features_of,
     frame_of,
     is_degrees,
-    member,
-    name_of,
-    opened,
     to_metres,
 )
 from pdrbench_formats.maps.plan import Plan
@@ -41,8 +38,6 @@ UNITS_M: Final[Mapping[str, float]] = WORDS["units"]
 DEGREES: Final = "degrees"
 KINDS: Final = ("room", "area", "wall", "door", "stairs", "escalator", "lift", "zone")
 CONNECTIONS: Final = ("stairs", "escalator", "lift")
-
-
 AREAS: Final = ("room", "area", "zone", *CONNECTIONS)
 _DEGREES_CRS: Final = ("CRS84", "EPSG::4326", "EPSG:4326")
 _MERCATOR_CRS: Final = ("3857", "900913", "3785")  # a metre of it is no metre
@@ -66,15 +61,13 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file, feature and remedy.
     """
     path = Path(path)
-    container = opened(path)
+    container = files.opened(path)
     names = container.names() if container.is_file else _collections(container)
-    documents = {name: _document(member(container, name), container.label(name)) for name in names}
+    documents = {name: _document(files.member(container, name), container.label(name)) for name in names}
     document = _same_frame(list(documents.values()), path)
-    features: list[Feature] = []
-    mended: list[str] = []
-    for name, one in documents.items():
-        found, own = features_of(one, str(container.label(name)))
-        features, mended = features + found, mended + own
+    builder = BuildingBuilder(document.name or files.name_of(path), strict=strict)
+    of_files = (features_of(one, str(container.label(name)), builder.note_geometry) for name, one in documents.items())
+    features = [feature for found in of_files for feature in found]
     if not features:
         raise MapError(f"{path}: no feature with geometry; draw a room, an area or a wall")
     if any(feature.tags.get("indoor") for feature in features) and not _says_what(features):
@@ -93,11 +86,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         geo = frame_of(features)
     elif units not in UNITS_M:
         raise MapError(f"{path}: {unknown_name('unit of length', units, [*UNITS_M, DEGREES])}")
-    elif _is_small(features):
+    elif extent(feature.shape for feature in features) < 0.05:
         raise MapError(f'{path}: in {units} the plan is smaller than a hand; are they degrees? set "units": "degrees"')
-    builder = BuildingBuilder(document.name or name_of(path), strict=strict)
-    for what in mended:
-        builder.note("geometry", what)
     if not named:
         builder.note("units assumed", f"the file does not name its units: taken for {units}")
     heights = {level.level: level.height_m for one in documents.values() for level in one.levels}
@@ -107,10 +97,10 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     for id, count in Counter(feature.id for feature in features).items():
         if count > 1:
             builder.note("duplicate id", f"{count} features have the id {id!r}: numbered")
+    scale = UNITS_M.get(units, 1.0)
     for feature in features:
-        scale = UNITS_M.get(units, 1.0)
-        shape = to_metres(feature.shape, geo) if geo is not None else _scaled(feature.shape, scale)
-        _add(builder, feature, shape)
+        scaled = shapely.transform(feature.shape, lambda xy: xy * scale)
+        _add(builder, feature, scaled if geo is None else to_metres(feature.shape, geo))
     return finished(builder, "geojson_plan", geo)
 
 
@@ -132,9 +122,9 @@ def _document(content: bytes, path: Path) -> _Document:
     if len(content.split(b"\n{", 2)) > 1 and content.lstrip().startswith(b"{") and b'"features"' not in content:
         raise MapError(f"{path}: a feature on each line; gather them in one FeatureCollection")
     if b'"features"' not in content:
-        kind = decoded(content, _Typed, path).type
+        kind = files.decoded(content, _Typed, path).type
         raise MapError(f"{path}: a {kind or 'JSON object'} alone; put it into the features of a FeatureCollection")
-    found: _Document = decoded(content, _Document, path)
+    found: _Document = files.decoded(content, _Document, path)
     return found
 
 
@@ -162,17 +152,6 @@ def _check_vocabulary(features: list[Feature], path: Path) -> None:
         f"{path}: no feature has the property `feature`, which says what it is: {', '.join(KINDS)}; its properties are "
         f"{', '.join(seen[:12]) or 'missing'}; rename one, or convert the plan to Simple Indoor Tagging or IMDF"
     )
-
-
-def _is_small(features: list[Feature]) -> bool:
-    bounds = np.array([feature.shape.bounds for feature in features])
-    return bool((bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max() < 0.05)
-
-
-def _scaled(shape: Any, scale: float) -> Any:
-    import shapely
-
-    return shape if scale == 1.0 else shapely.transform(shape, lambda xy: xy * scale)
 
 
 def _levels(feature: Feature) -> list[int]:
@@ -210,8 +189,6 @@ def _add(builder: BuildingBuilder, feature: Feature, shape: Any) -> None:
 
 def _area(shape: Any, feature: Feature) -> Any:
     """The shape; closed lines become polygons, as programs for drawing export them."""
-    import shapely
-
     parts = shapely.get_parts(shape)
     if all(part.geom_type == "LineString" and part.is_closed for part in parts):
         return shapely.MultiPolygon([shapely.Polygon(part.coords) for part in parts])

@@ -14,7 +14,8 @@ from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import WORDS, Feature, check_degrees, frame_of, opened, read_features, to_metres
+from pdrbench_formats.maps.features import WORDS, Feature, check_degrees, frame_of, read_features, to_metres
+from pdrbench_formats.maps.files import opened
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
@@ -29,13 +30,12 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file, feature and remedy.
     """
     container = opened(Path(path))
+    builder = BuildingBuilder(Path(path).stem, strict=strict)
     parts: dict[str, list[Feature]] = {}
-    mended: list[str] = []
     for kind in ("level", "unit", "opening", "fixture", "building", *CATEGORIES["unused"]):
-        parts[kind] = []
-        if f"{kind}.geojson" in container.sizes:
-            parts[kind], own = read_features(container, f"{kind}.geojson")
-            mended += own
+        name = f"{kind}.geojson"
+        parts[kind] = read_features(container, name, builder.note_geometry) if name in container.sizes else []
+    builder.name = _name(parts["building"]) or builder.name
     if not parts["level"] or not parts["unit"]:
         raise MapError(f"{path}: level.geojson and unit.geojson with geometry are needed; export the venue again")
     everything = [*parts["level"], *parts["unit"], *parts["opening"]]
@@ -47,9 +47,6 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         if isinstance(ordinal, bool) or not isinstance(ordinal, (int, float)) or not abs(ordinal) < MAX_ORDINAL:
             raise MapError(f"{level.where}: ordinal is {ordinal!r}; a level needs a number, 0 for the ground")
         ordinals[level.id] = ordinal
-    builder = BuildingBuilder(_name(parts["building"]) or Path(path).stem, strict=strict)
-    for what in mended:
-        builder.note("geometry", what)
     for ordinal in sorted({int(one) for one in ordinals.values() if one == int(one)}):
         builder.add_level(ordinal)
     for kind in ("unit", "opening", "fixture"):
@@ -87,8 +84,7 @@ def _on_whole_levels(
         if ordinal == int(ordinal):
             kept.append(feature)
         else:
-            what = f"{feature.text('category')} of {to_metres(feature.shape, geo).area:.1f} m² on level {ordinal:g}"
-            builder.note("level left out", f"{feature.id}: {what}, which is no whole level: left out")
+            builder.note_half_level(feature.id, feature.text("category"), to_metres(feature.shape, geo), f"{ordinal:g}")
     return kept
 
 

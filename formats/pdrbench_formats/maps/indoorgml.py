@@ -16,12 +16,14 @@ from typing import Any, Final
 from xml.etree import ElementTree
 
 import numpy as np
+import shapely
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import MAX_VERTICES, member, name_of, opened, xml_root
+from pdrbench_formats.maps.features import MAX_VERTICES
+from pdrbench_formats.maps.files import member, name_of, opened, xml_root
 from pdrbench_formats.maps.plan import Plan
 
 MIN_SIZE_M: Final = 0.5  # of all cells: no building is as small
@@ -70,7 +72,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     if any("indoorgml/2" in element.tag for element in root.iter()):
         raise MapError(f"{path}: IndoorGML 2.0; versions 1.0 and 1.1 are read, export one of them")
     graph = _read_graph(root, path)
-    _check_metres(graph, path)
+    if graph.places and np.ptp(np.concatenate(graph.places)[:, :2], axis=0).max() < MIN_SIZE_M:
+        raise MapError(f"{path}: its cells reach over less than {MIN_SIZE_M} m; are they degrees? export metres")
     if not graph.spaces:
         raise MapError(f"{path}: no cell space has a geometry with a floor; a topological graph alone is no plan")
     heights = _number_levels(graph)
@@ -105,16 +108,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     return finished(builder, "indoorgml")
 
 
-def _check_metres(graph: _Graph, path: Path) -> None:
-    """Raises `MapError` where cells are as small as they are in degrees."""
-    if graph.places and np.ptp(np.concatenate(graph.places)[:, :2], axis=0).max() < MIN_SIZE_M:
-        raise MapError(f"{path}: its cells reach over less than {MIN_SIZE_M} m; are they degrees? export metres")
-
-
 def _check_overlaps(graph: _Graph, path: Path) -> None:
     """Raises `MapError` where cells of one level cover one another, as those of several levels without heights do."""
-    import shapely
-
     for level in {space.level for space in graph.spaces.values()}:
         shapes = [space.shape for space in graph.spaces.values() if space.level == level and not space.is_door]
         total_m2, covered_m2 = sum(shape.area for shape in shapes), shapely.union_all(shapes).area
@@ -126,30 +121,33 @@ def _check_overlaps(graph: _Graph, path: Path) -> None:
 
 
 def _moved(shape: Any, origin: FloatArray) -> Any:
-    import shapely
-
     return shapely.transform(shape, lambda xy: xy - origin)
 
 
-def _tag(element: ElementTree.Element) -> str:
-    return element.tag.rpartition("}")[2]
+def _without_namespaces(root: ElementTree.Element) -> None:
+    """Leaves names without their namespaces, which differ by version."""
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+        element.attrib = {key.rpartition("}")[2]: value for key, value in element.attrib.items()}
 
 
 def _all(element: ElementTree.Element, *names: str) -> Iterator[ElementTree.Element]:
-    return (child for child in element.iter() if _tag(child) in names)
+    return (child for child in element.iter() if child.tag in names)
 
 
-def _attribute(element: ElementTree.Element, name: str) -> str:
-    return next((value for key, value in element.attrib.items() if key.rpartition("}")[2] == name), "")
+def _target(element: ElementTree.Element) -> str:
+    """The id of what an element refers to."""
+    return element.get("href", "").lstrip("#")
 
 
 def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
+    _without_namespaces(root)
     graph, total = _Graph(), 0
     known: dict[ElementTree.Element, list[FloatArray]] = {}
-    by_id = {_attribute(element, "id"): element for element in _all(root, *_FACES, "Surface", "OrientableSurface")}
+    by_id = {element.get("id", ""): element for element in _all(root, *_FACES, "Surface", "OrientableSurface")}
     for cell in _all(root, "CellSpace", "GeneralSpace", "TransitionSpace", "ConnectionSpace", "AnchorSpace"):
-        id = _attribute(cell, "id")
-        name = next((child.text or "" for child in cell if _tag(child) == "name"), "")
+        id = cell.get("id", "")
+        name = cell.findtext("name") or ""
         faces = []
         for polygon in _faces_of(cell, by_id):
             rings = known[polygon] = known.get(polygon) or _face(polygon, path, id)  # cells share faces
@@ -159,22 +157,22 @@ def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
             faces += [rings] if rings else []
         graph.places += [face[0] for face in faces]
         graph.open_rings += sum(np.abs(ring[0] - ring[-1]).max() > 1e-3 for face in faces for ring in face)
-        kinds = " ".join(child.text or "" for child in cell if _tag(child) in ("class", "function", "usage"))
-        is_door = _tag(cell) in ("ConnectionSpace", "AnchorSpace") or bool(_DOOR.search(f"{name} {kinds}"))
+        kinds = " ".join(child.text or "" for child in cell if child.tag in ("class", "function", "usage"))
+        is_door = cell.tag in ("ConnectionSpace", "AnchorSpace") or bool(_DOOR.search(f"{name} {kinds}"))
         space = _space(id, name.strip(), faces, is_door)
         if space is not None:
             graph.spaces[id] = space
             for duality in _all(cell, "duality"):
-                graph.state_of[_attribute(duality, "href").lstrip("#")] = id
+                graph.state_of[_target(duality)] = id
     for state in _all(root, "State"):
         for duality in _all(state, "duality"):
-            graph.state_of.setdefault(_attribute(state, "id"), _attribute(duality, "href").lstrip("#"))
+            graph.state_of.setdefault(state.get("id", ""), _target(duality))
     for boundary in _all(root, "ConnectionBoundary", "AnchorBoundary"):
         places = _positions(boundary, path, "a boundary")
         if len(places) > 1:
             graph.doors.append(places)
     for transition in _all(root, "Transition"):
-        ends = [_attribute(child, "href").lstrip("#") for child in transition if _tag(child) == "connects"]
+        ends = [_target(child) for child in transition if child.tag == "connects"]
         line = next((_positions(found, path, "a transition") for found in _all(transition, "LineString")), None)
         if len(ends) == 2 and line is not None and len(line) > 1 and np.ptp(line, axis=0).any():
             graph.transitions.append((ends[0], ends[1], line))
@@ -185,7 +183,7 @@ def _faces_of(cell: ElementTree.Element, by_id: Mapping[str, ElementTree.Element
     """Faces of a cell, also those that it shares with another one and only refers to."""
     yield from _all(cell, *_FACES)
     for part in _all(cell, "surfaceMember", "baseSurface"):
-        shared = by_id.get(_attribute(part, "href").lstrip("#"))
+        shared = by_id.get(_target(part))
         if shared is not None:
             yield from _all(shared, *_FACES)
 
@@ -213,8 +211,6 @@ def _face(polygon: ElementTree.Element, path: Path, id: str) -> list[FloatArray]
 
 def _space(id: str, name: str, faces: list[list[FloatArray]], is_door: bool) -> _Space | None:
     """The floor of a cell: its lowest faces that are level."""
-    import shapely
-
     level = [face for face in faces if np.ptp(face[0][:, 2]) < FLAT_M]
     if not level:
         return None
@@ -243,8 +239,6 @@ def _number_levels(graph: _Graph) -> dict[int, float]:
 
 def _ground_line(places: FloatArray) -> tuple[Any, float]:
     """The line in the plane that a boundary stands on, between its farthest places, and the height of its foot."""
-    import shapely
-
     xy = places[:, :2]
     first = int(np.hypot(*(xy - xy.mean(axis=0)).T).argmax())
     last = int(np.hypot(*(xy - xy[first]).T).argmax())
@@ -264,8 +258,6 @@ def _joined(graph: _Graph) -> Iterator[tuple[_Space, _Space, FloatArray]]:
 
 def _doors(graph: _Graph) -> Iterator[tuple[int, Any]]:
     """Level and place where a transition passes from one cell to another."""
-    import shapely
-
     for a, b, line in _joined(graph):
         if a.level != b.level:
             continue
@@ -281,8 +273,6 @@ def _doors(graph: _Graph) -> Iterator[tuple[int, Any]]:
 
 def _stairs(graph: _Graph) -> list[tuple[list[int], Any, set[str]]]:
     """Levels, outline and cells of each stair: cells above one another that transitions join."""
-    import shapely
-
     columns: list[dict[str, _Space]] = []
     for a, b, _ in _joined(graph):
         if a.level == b.level:
@@ -308,8 +298,6 @@ def _stair_in(common: Any, doors: Any) -> Any:
 
     A file says that one gets from a hall to the hall above, and not where in it the stair is.
     """
-    import shapely
-
     if common.area < 12.0 and not shapely.intersects(common.buffer(0.2), doors):
         return common
     corners = shapely.get_coordinates(shapely.oriented_envelope(common))

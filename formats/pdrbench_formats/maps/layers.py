@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import shapely
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.builder import BuildingBuilder
-from pdrbench_formats.maps.features import WORDS
+from pdrbench_formats.maps.features import WORDS, extent
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
 LAYERS: Final = {name: re.compile(text, re.IGNORECASE) for name, text in WORDS["layers"].items()}
@@ -55,8 +56,6 @@ def in_metres(drawn: Drawn, unit: Unit, stated: float | None, builder: BuildingB
         builder: Receives what was assumed.
         level: Named in it.
     """
-    import shapely
-
     scale = UNITS[unit] if unit else _judged(drawn, stated, builder, level)
     return {name: [shapely.transform(shape, lambda xy: xy * scale) for shape in part] for name, part in drawn.items()}
 
@@ -78,8 +77,6 @@ def _add_level(
     builder: BuildingBuilder, path: Path, level: int, drawn: Mapping[str, list[Any]], low: FloatArray
 ) -> list[Outline]:
     """Adds what is drawn on a level, moved to an origin; returns its stairs and lifts."""
-    import shapely
-
     shapes = {name: [shapely.transform(shape, lambda xy: xy - low) for shape in part] for name, part in drawn.items()}
     rooms = [shape for shape in shapes["room"] if shape.geom_type == "Polygon"]
     if rooms:
@@ -104,23 +101,17 @@ def _add_level(
 
 def _doors(doors: list[Any], walls: list[Any]) -> list[Any]:
     """Lines and polygons of doors; of an arc, the radius that ends at walls."""
-    import shapely
-
     solid = shapely.union_all(walls) if walls else shapely.Polygon()
-    found = []
-    for door in doors:
-        if door.geom_type != "MultiLineString":
-            found.append(door)
-            continue
-        radii = shapely.get_parts(door)
-        found.append(min(radii, key=lambda line: shapely.distance(solid, shapely.points(line.coords)).sum()))
-    return found
+
+    def off(line: Any) -> float:
+        return float(shapely.distance(solid, shapely.points(line.coords)).sum())
+
+    return [min(shapely.get_parts(door), key=off) if door.geom_type == "MultiLineString" else door for door in doors]
 
 
 def _judged(shapes: Drawn, stated: float | None, builder: BuildingBuilder, level: int) -> float:
     """Metres for one unit of the drawing: the stated one, unless what is drawn fits another one only."""
-    bounds = np.array([shape.bounds for part in shapes.values() for shape in part])
-    size = float((bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max())
+    size = extent(shape for part in shapes.values() for shape in part)
     parts = [(name, length) for name, find in (("door", _door), ("tread", _tread)) if (length := find(shapes))]
     return scale_of(size, parts, stated, builder, level)
 
@@ -189,8 +180,6 @@ def _misfit(size_m: float, parts: Sequence[tuple[str, float]], scale: float) -> 
 
 def _door(shapes: Mapping[str, list[Any]]) -> float:
     """Median width of what is on layers of doors, in units of the drawing; 0 where there is none."""
-    import shapely
-
     widths = []
     for shape in shapes["door"]:
         line = shapely.get_parts(shape)[0] if shape.geom_type == "MultiLineString" else shape
@@ -223,8 +212,6 @@ def _tread(shapes: Mapping[str, list[Any]]) -> float:
 
 def _outline(walls: list[Any]) -> Any:
     """What the outer walls enclose once gaps as wide as doors are closed."""
-    import shapely
-
     drawn = shapely.union_all(
         [wall.exterior if wall.geom_type == "Polygon" and wall.area > 25.0 else wall for wall in walls]
     )

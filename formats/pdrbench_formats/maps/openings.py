@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import shapely
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.building.connectivity import labels_of, reachable_parts
@@ -18,8 +19,7 @@ from pdrbench.building.polygons import shapely_polygons
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench_formats.maps.assembly.shapes import is_sound
-from pdrbench_formats.maps.houses import unreachable
-from pdrbench_formats.maps.plan import Plan, Repair
+from pdrbench_formats.maps.plan import Plan, Repair, unreachable
 
 DOORS: Final = ("none", "rooms", "nearest", "wide")
 DOOR_M: Final = 0.9  # width of a usual door
@@ -88,8 +88,6 @@ class _Opened:
     """A building whose walls are opened one by one, those of the corridors first."""
 
     def __init__(self, building: Building, *, is_wide: bool) -> None:
-        import shapely
-
         self._building, self._is_wide = building, is_wide
         self._shapes = shapely_polygons(building.polygons)
         self._tree = shapely.STRtree(self._shapes)
@@ -129,8 +127,6 @@ class _Opened:
 
     def _open(self, wall: _Facing) -> bool:
         """Puts a door into a wall; False where there is no room for it."""
-        import shapely
-
         building, number = self._building, len(self._building.polygons) + len(self._doors)
         start, end = building.edge_start_xy_m[[wall.one, wall.other]], building.edge_end_xy_m[[wall.one, wall.other]]
         a, b = (int(k) for k in building.edge_polygon[[wall.one, wall.other]])
@@ -169,8 +165,6 @@ class _Opened:
 
     def _is_taken(self, ring: FloatArray, sides: tuple[int, int], *, is_notch: bool, out: FloatArray) -> bool:
         """Whether floor of others is in the way of a door, or too little floor behind one that is cut into it."""
-        import shapely
-
         shape = shapely.Polygon(ring).buffer(-1e-3)
         level = self._building.polygons[sides[0]].level
         others = [int(k) for k in self._tree.query(shape, predicate="intersects") if int(k) not in sides]
@@ -217,8 +211,6 @@ def _groups(building: Building) -> IntArray:
 
 def _facing(building: Building) -> list[_Facing]:
     """Pairs of walls of two polygons on one level that face each other for the width of a door, both ways round."""
-    import shapely
-
     kind = np.array([polygon.kind for polygon in building.polygons])
     owner = building.edge_polygon
     start, end = building.edge_start_xy_m, building.edge_end_xy_m

@@ -8,6 +8,7 @@ walls that it is in.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,24 +19,14 @@ from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
+import shapely
 
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import HEAD_BYTES, Head, Reader
+from pdrbench_formats.maps import files
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import (
-    Feature,
-    check_degrees,
-    decoded,
-    frame_of,
-    level_number,
-    member,
-    name_of,
-    opened,
-    read_features,
-    to_metres,
-    xml_root,
-)
+from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, level_number, read_features, to_metres
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
@@ -80,25 +71,22 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file, feature and remedy.
     """
     path = Path(path)
-    container = opened(path)
-    mended: list[str] = []
-    content = member(container, path.name)
+    container, builder = files.opened(path), BuildingBuilder(files.name_of(path), strict=strict)
+    content = files.member(container, path.name)
     if _PBF in content[:100]:
         raise MapError(f"{path}: packed as PBF; unpack it: osmium cat {path.name} -o plan.osm")
     if content.lstrip().startswith(b"<") or b'"elements"' in content[:HEAD_BYTES]:
         features = list(_features(_elements(content, path), path))
     else:
-        features, mended = read_features(container, path.name)
+        features = read_features(container, path.name, builder.note_geometry)
     features = _with_door_levels([replace(feature, tags=_texts(feature.tags)) for feature in features])
-    indoor = [feature for feature in features if _is_indoor(feature.tags)]
+    indoor = [one for one in features if one.tags.get("indoor") in WALKED and one.tags.get("level")]
     if not indoor:
         raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")
     check_degrees(indoor, path)
     geo = frame_of(indoor)
-    name = next((f.text("name") for f in features if f.text("building") and f.text("name")), "") or name_of(path)
-    builder = BuildingBuilder(name, strict=strict)
-    for what in mended:
-        builder.note("geometry", what)
+    named = (feature.text("name") for feature in features if feature.text("building"))
+    builder.name = next(filter(None, named), builder.name)
     walked = [feature for feature in indoor if _area_kind(feature) == "floor"]
     numbers = sorted({level for feature in walked for level in _levels(feature, feature.tags)})
     if not numbers:
@@ -126,8 +114,6 @@ def _texts(tags: Mapping[str, Any]) -> dict[str, str]:
 
 def _with_door_levels(features: list[Feature]) -> list[Feature]:
     """The features; doors without a level have those of the walls that they are in."""
-    import shapely
-
     walls = [feature for feature in features if feature.tags.get("indoor") and feature.tags.get("level")]
     outlines = shapely.boundary([wall.shape for wall in walls]) if walls else []
     tree = shapely.STRtree(outlines)
@@ -147,10 +133,6 @@ def _with_door_levels(features: list[Feature]) -> list[Feature]:
 
 def _is_door(tags: Mapping[str, Any]) -> bool:
     return bool(tags.get("door") or tags.get("entrance") or tags.get("indoor") == "door")
-
-
-def _is_indoor(tags: Mapping[str, Any]) -> bool:
-    return tags.get("indoor") in WALKED and bool(tags.get("level"))
 
 
 def _levels(feature: Feature, tags: Mapping[str, Any]) -> list[int]:
@@ -193,9 +175,7 @@ def _add(
     shape = to_metres(feature.shape, geo)
     if not levels:
         if area:
-            on = feature.text("level") or "none"
-            what = f"{area} of {shape.area:.1f} m² on level {on}, which is no whole level that has floor: left out"
-            builder.note("level left out", f"{feature.id}: {what}")
+            builder.note_half_level(feature.id, area, shape, feature.text("level") or "none")
         skipped["without a whole level that has floor"] += 1
         return []
     if area and _is_ramp(tags):
@@ -232,8 +212,6 @@ def _add(
 
 def _up(shape: Any, tags: Mapping[str, Any]) -> tuple[float, float] | None:
     """The direction in which a line of steps leads up; None of an area or a point."""
-    import shapely
-
     if shape.geom_type != "LineString":
         return None
     ends = shapely.get_coordinates(shape)[[0, -1]]
@@ -282,13 +260,13 @@ Line = list[tuple[float, float]]
 def _elements(content: bytes, path: Path) -> list[_Element]:
     """Nodes, ways and relations of XML or of an answer of Overpass."""
     if not content.lstrip().startswith(b"<"):
-        answer: _Answer = decoded(content, _Answer, path)
+        answer: _Answer = files.decoded(content, _Answer, path)
         if not answer.elements:
             raise MapError(
                 f"{path}: Overpass found nothing{answer.remark and f', and said {answer.remark!r}'}; ask again"
             )
         return answer.elements
-    root = xml_root(content, path)
+    root = files.xml_root(content, path)
     return [_xml_element(element) for element in root if element.tag in ("node", "way", "relation")]
 
 
@@ -296,23 +274,16 @@ def _xml_element(element: ElementTree.Element) -> _Element:
     attributes = element.attrib
     found = _Element(str(element.tag), attributes.get("id", ""))
     if attributes.get("action") != "delete":
-        try:
+        with contextlib.suppress(KeyError, ValueError):
             found.lat, found.lon = float(attributes["lat"]), float(attributes["lon"])
-        except (KeyError, ValueError):
-            found.lat = found.lon = None
         found.tags = {tag.attrib.get("k", ""): tag.attrib.get("v", "") for tag in element.findall("tag")}
         found.nodes = [ref.attrib.get("ref", "") for ref in element.findall("nd")]
-        found.members = [
-            _Member(part.attrib.get("type", ""), part.attrib.get("ref", ""), part.attrib.get("role", ""))
-            for part in element.findall("member")
-        ]
+        found.members = msgspec.convert([part.attrib for part in element.findall("member")], list[_Member])
     return found
 
 
 def _features(elements: Sequence[_Element], path: Path) -> Iterator[Feature]:
     """Tagged nodes, ways and multipolygons."""
-    import shapely
-
     nodes: dict[int | str, tuple[float, float]] = {}
     ways: dict[int | str, Line] = {}
     for number, node in enumerate(element for element in elements if element.type == "node"):
@@ -344,7 +315,6 @@ def _line(geometry: Sequence[Mapping[str, float] | None] | None) -> Line:
 
 def _multipolygon(relation: _Element, ways: Mapping[int | str, Line]) -> Any:
     """Outer rings without the inner ones; None where they do not close."""
-    import shapely
 
     def area(role: str) -> Any:
         members = [

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
 
 from pdrbench.building import Building, FloorPolygon
-from pdrbench.building.connectivity import lift_shafts
+from pdrbench.building.connectivity import labels_of, lift_shafts, reachable_parts, unconnected_levels
+from pdrbench.building.polygons import shapely_polygons
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.io.geo import GeoFrame
-from pdrbench_formats.maps.houses import unreachable
+
+HOUSE_M: Final = 2.0  # thicker than any wall: what lies further apart is two houses
+MIN_HOUSE: Final = 0.1  # of the area of the largest house: what is smaller is a part without a way in
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +74,38 @@ class Plan:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class PlanAlignment:
+    """From the plane of a plan to metres with x east: scaled, then turned about the origin."""
+
+    turn_rad: float = 0.0  # heading of the x axis of the plan, counter-clockwise from east
+    scale: float = 1.0  # metres per unit of the plan
+
+    @property
+    def is_identity(self) -> bool:
+        """True where nothing changes."""
+        return self.turn_rad == 0.0 and self.scale == 1.0
+
+    def __call__(self, xy: FloatArray) -> FloatArray:
+        """(..., 2) metres of places (..., 2)."""
+        if self.is_identity:
+            return np.asarray(xy, dtype=np.float64)
+        cos, sin = math.cos(self.turn_rad), math.sin(self.turn_rad)
+        turned: FloatArray = self.scale * (np.asarray(xy, dtype=np.float64) @ np.array([[cos, sin], [-sin, cos]]))
+        return turned
+
+    def building(self, building: Building) -> Building:
+        """The same building on the other plane; heights stay."""
+        if self.is_identity:
+            return building
+        polygons = tuple(
+            replace(p, outline_xy_m=self(p.outline_xy_m), holes=tuple(self(hole) for hole in p.holes))
+            for p in building.polygons
+        )
+        zones = tuple(replace(zone, outline_xy_m=self(zone.outline_xy_m)) for zone in building.zones)
+        return Building(name=building.name, polygons=polygons, zones=zones)
+
+
 def level_table(building: Building) -> list[dict[str, Any]]:
     """Per level: floor polygons, area, extent, doors, treads, lifts, and parts that no way leads to."""
     is_lost = unreachable(building)
@@ -88,6 +127,28 @@ def level_table(building: Building) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+def unreachable(building: Building) -> BoolArray:
+    """(P,) True for floor polygons that no way leads to from the largest part of their house or unconnected level.
+
+    Lifts count as ways. What lies further than `HOUSE_M` from all else is a house of its own where it is large.
+    """
+    import shapely
+
+    parts = reachable_parts(building)
+    shapes = shapely_polygons(building.polygons)
+    near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=HOUSE_M)
+    houses = labels_of(len(parts), parts[near[:, building.level(near[0]) == building.level(near[1])]].T)[parts]
+    area_m2 = np.bincount(houses, weights=[polygon.area_m2 for polygon in building.polygons])
+    # The largest part is 0, and the largest of a house the least.
+    main = {int(parts[houses == house].min()) for house in np.flatnonzero(area_m2 >= MIN_HOUSE * area_m2.max())}
+    for level in unconnected_levels(building):
+        here = [i for i, polygon in enumerate(building.polygons) if polygon.level == level]
+        area_m2 = np.bincount(parts[here], weights=[building.polygons[i].area_m2 for i in here])
+        main.add(int(area_m2.argmax()))
+    lost: BoolArray = ~np.isin(parts, list(main))
+    return lost
 
 
 def suspicions(building: Building) -> tuple[str, ...]:

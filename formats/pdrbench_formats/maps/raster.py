@@ -13,24 +13,26 @@ A picture is drawn with x to the right and y up; (0, 0) is its lower left corner
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
+import shapely
+from scipy import ndimage
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps import files
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import beside, member, opened, toml_table
 from pdrbench_formats.maps.layers import UNITS, Unit, scale_of
-from pdrbench_formats.maps.plan import Plan
+from pdrbench_formats.maps.plan import Plan, PlanAlignment
 
 MAX_PIXELS: Final = 64_000_000
 MAX_TRACED: Final = 1_000_000  # a larger picture is thinned: one of 1 kB and 15 million pixels took 21 s
@@ -48,9 +50,6 @@ MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
 NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
 NECK_RADII: Final = 32
 MIN_DEPTH: Final = 1.5  # of a room, in widths of its door
-_NEEDS: Final = "reading pictures needs scikit-image: pip install pdrbench[maps]"
-
-
 ByteArray = npt.NDArray[np.uint8]
 
 
@@ -78,7 +77,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file and remedy.
     """
     path = Path(path)
-    if not path.suffix == ".toml" and member(opened(path), path.name).lstrip().startswith(_DRAWINGS):
+    if not path.suffix == ".toml" and files.member(files.opened(path), path.name).lstrip().startswith(_DRAWINGS):
         raise MapError(f"{path}: a drawing of lines, no picture of pixels; save the page as PNG")
     table = path if path.suffix == ".toml" else path.with_suffix(".toml")
     if not table.is_file():
@@ -86,29 +85,33 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
             f"{path}: a picture says nothing of its scale; write {table.name} beside it with\n"
             f'    [[level]]\n    image = "{path.name}"\n    metres_per_pixel = 0.05'
         )
-    plan: _Plan = toml_table(table, _Plan, "it needs [[level]] with image and metres_per_pixel")
+    plan: _Plan = files.toml_table(table, _Plan, "it needs [[level]] with image and metres_per_pixel")
     builder = BuildingBuilder(plan.name or table.stem, strict=strict)
     for picture in plan.level:
         if not 0.0 < picture.metres_per_pixel < np.inf:
             raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected more than 0")
-        place = beside(table, picture.image)
+        place = files.beside(table, picture.image)
         builder.add_level(picture.level, height_m=picture.height_m)
         pixels = _grey(place)
-        bright = pixels > 255 * (DARK if picture.dark is None else picture.dark)
-        are_bright = bool(bright.mean() < MIN_BRIGHT and picture.dark is None)
-        pixels, step = _thinned(pixels, builder, picture.level, walls_are_bright=are_bright)
+        dark = DARK if picture.dark is None else picture.dark
+        light_walls = bool((pixels > 255 * dark).mean() < MIN_BRIGHT and picture.dark is None)
+        pixels, step = _thinned(pixels, builder, picture.level, walls_are_bright=light_walls)
         grey = pixels / 255.0
+        bright = (grey > dark) ^ light_walls
+        if light_walls:
+            what = f"{bright.mean():.0%} of the picture is dark: what is light was taken for wall"
+            builder.note("light walls", what)
         picture = msgspec.structs.replace(picture, metres_per_pixel=picture.metres_per_pixel * step)
-        picture = _in_metres(picture, grey, plan.unit, builder)
+        picture = _in_metres(picture, bright, plan.unit, builder)
         if not 1e-4 < picture.metres_per_pixel < 10:
             raise MapError(
                 f"{table}: a pixel is {picture.metres_per_pixel:g} m; expected 0.0001 to 10 m, or name a unit"
             )
         if min(grey.shape) * picture.metres_per_pixel < MIN_SIDE_M:
             raise MapError(f"{place}: a side is less than {MIN_SIDE_M:g} m long; is metres_per_pixel wrong?")
-        free = _inside(grey, builder, picture, place)
-        origin = _Origin(picture.metres_per_pixel, np.array(picture.origin_m))
-        _add_free(builder, free, picture.level, origin, place)
+        free = _inside(grey, bright, builder, picture, place)
+        of_pixels = PlanAlignment(scale=picture.metres_per_pixel)
+        _add_free(builder, free, picture.level, place, of_pixels, picture.origin_m)
     return finished(builder, "picture")
 
 
@@ -116,10 +119,8 @@ def _grey(path: Path) -> ByteArray:
     """(H, W) brightness from 0, black, to 255, white; transparent is white."""
     from PIL import Image, UnidentifiedImageError
 
-    container = opened(path)
-    content = member(container, path.name)
-    import io
-
+    container = files.opened(path)
+    content = files.member(container, path.name)
     try:
         with Image.open(io.BytesIO(content)) as image:
             if image.width * image.height > MAX_PIXELS:
@@ -150,16 +151,12 @@ def _thinned(pixels: Any, builder: BuildingBuilder, level: int, *, walls_are_bri
 
 def _far2(mask: BoolArray) -> IntArray:
     """(H, W) pixels, squared, from each true pixel to the nearest that is false."""
-    from scipy import ndimage
-
     nearest = ndimage.distance_transform_edt(mask, return_distances=False, return_indices=True)
     return np.asarray(((nearest - np.indices(mask.shape, np.int32)) ** 2).sum(axis=0))
 
 
-def _in_metres(picture: Picture, grey: FloatArray, unit: Unit, builder: BuildingBuilder) -> Picture:
+def _in_metres(picture: Picture, bright: BoolArray, unit: Unit, builder: BuildingBuilder) -> Picture:
     """The table of a picture in metres: in the unit that is named, else in one in which the plan can be so large."""
-    bright = grey > (DARK if picture.dark is None else picture.dark)
-    bright = ~bright if bright.mean() < MIN_BRIGHT else bright
     per_pixel = picture.metres_per_pixel
     rows, columns = np.nonzero(~bright)
     if unit or not len(rows):
@@ -175,8 +172,6 @@ def _in_metres(picture: Picture, grey: FloatArray, unit: Unit, builder: Building
 
 def _neck(bright: BoolArray) -> float:
     """Width in pixels at which most bright parts come apart, as rooms do at their doors; 0 where none do."""
-    from scipy import ndimage
-
     step = int(np.ceil(np.sqrt(bright.size / NECK_PIXELS)))
     far2 = _far2(bright[::step, ::step])
     radii = np.geomspace(1.0, max(float(far2.max()) ** 0.5 / 2.0, 2.0), NECK_RADII)
@@ -195,16 +190,12 @@ def _skimage() -> Any:
         import skimage.measure
         import skimage.morphology
     except ImportError:
-        raise MapError(_NEEDS) from None
+        raise MapError("reading pictures needs scikit-image: pip install pdrbench[maps]") from None
     return skimage
 
 
-def _inside(grey: FloatArray, builder: BuildingBuilder, picture: Picture, place: Path) -> BoolArray:
+def _inside(grey: FloatArray, bright: BoolArray, builder: BuildingBuilder, picture: Picture, place: Path) -> BoolArray:
     """Bright pixels that walls enclose; walls are found by a threshold between theirs and that of the paper."""
-    bright = grey > (DARK if picture.dark is None else picture.dark)
-    if bright.mean() < MIN_BRIGHT and picture.dark is None:
-        bright = ~bright
-        builder.note("light walls", f"{bright.mean():.0%} of the picture is dark: what is light was taken for wall")
     if bright.mean() < MIN_BRIGHT:
         raise MapError(f"{place}: {1 - bright.mean():.0%} of the picture is wall: a wrong `dark`? Set it in the table")
     inside = _enclosed(bright, picture.metres_per_pixel)
@@ -255,36 +246,22 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
     return found[best], ENTRANCES_M[best]
 
 
-@dataclass(frozen=True, slots=True)
-class _Origin:
-    """Where a picture lies: metres of a pixel, (2,) place of its lower left corner, and its turn about that."""
-
-    metres_per_pixel: float
-    xy_m: FloatArray
-    turn_rad: float = 0.0
-
-    def to_metres(self, pixels: FloatArray) -> FloatArray:
-        """(N, 2) of pixels to the right and up."""
-        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
-        turned = pixels @ np.array([[cos, sin], [-sin, cos]]) if self.turn_rad else pixels
-        return np.asarray(turned * self.metres_per_pixel + self.xy_m)
-
-
-def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, origin: _Origin, place: Path) -> None:
-    """Adds the outlines of free pixels; row 0 of the picture is its upper edge."""
-    import shapely
+def _add_free(
+    builder: BuildingBuilder, free: BoolArray, level: int, place: Path, to_m: PlanAlignment, origin_m: Sequence[float]
+) -> None:
+    """Adds the outlines of free pixels; row 0 of the picture is its upper edge, its lower left corner at `origin_m`."""
 
     def to_metres(rows: FloatArray) -> FloatArray:
-        return origin.to_metres(np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]]))
+        return to_m(np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]])) + origin_m
 
-    pixels = MIN_AREA_M2 / origin.metres_per_pixel**2
+    pixels = MIN_AREA_M2 / to_m.scale**2
     free = _without_specks(free, pixels)
-    polygons = [polygon for polygon in trace(free) if polygon.area * origin.metres_per_pixel**2 >= MIN_AREA_M2]
+    polygons = [polygon for polygon in trace(free) if polygon.area * to_m.scale**2 >= MIN_AREA_M2]
     if not polygons:
         raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
     filled = shapely.union_all([shapely.Polygon(hole) for polygon in polygons for hole in polygon.interiors])
     shapely.prepare(filled)
-    small = [p.area * origin.metres_per_pixel**2 < MIN_ROOM_M2 and filled.contains(p) for p in polygons]
+    small = [p.area * to_m.scale**2 < MIN_ROOM_M2 and filled.contains(p) for p in polygons]
     if any(small):
         builder.note("furniture left out", f"{sum(small)} small areas inside of rooms are no rooms", level)
     for number, polygon in enumerate(p for p, is_small in zip(polygons, small, strict=True) if not is_small):
@@ -293,8 +270,6 @@ def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, origin: _Or
 
 def _without_specks(free: BoolArray, pixels: float) -> BoolArray:
     """(H, W) without free parts of fewer pixels, and without dirt: neither would be kept, and noise has thousands."""
-    from scipy import ndimage
-
     parts, _ = ndimage.label(free)
     free = free & (np.bincount(parts.ravel()) >= pixels)[parts]
     holes, _ = ndimage.label(~free, np.ones((3, 3)))
@@ -303,8 +278,6 @@ def _without_specks(free: BoolArray, pixels: float) -> BoolArray:
 
 def trace(mask: BoolArray) -> list[Any]:
     """shapely polygons of the true pixels of (H, W), x along rows and y along columns, pixels as units."""
-    import shapely
-
     skimage = _skimage()
     padded = np.pad(mask, 1)
     contours = skimage.measure.find_contours(padded.astype(np.float64), 0.5)
@@ -363,15 +336,15 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file and remedy.
     """
     path = Path(path)
-    container: Container = opened(path)
-    fields = _flat_yaml(member(container, path.name).decode(errors="replace"), path)
+    container: Container = files.opened(path)
+    fields = _flat_yaml(files.member(container, path.name).decode(errors="replace"), path)
     try:
         ros = msgspec.convert(fields, RosMap, strict=False)
     except msgspec.ValidationError as error:
         raise MapError(f"{path}: {error}; a map needs image, resolution and origin") from error
     if not 1e-4 < ros.resolution < 10:
         raise MapError(f"{path}: resolution is {ros.resolution:g}; expected metres a pixel")
-    pixels, levels = _grey(beside(path, ros.image)), np.arange(256) / 255.0
+    pixels, levels = _grey(files.beside(path, ros.image)), np.arange(256) / 255.0
     occupied = levels if ros.negate else 1.0 - levels
     free = occupied < ros.free_thresh
     if ros.mode == "trinary":  # map_saver marks unknown cells so, also where free_thresh would take them for free
@@ -381,26 +354,24 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
     if unknown:
         builder.note("unknown cells", f"{unknown} of {pixels.size} cells are unknown: taken for wall", 0)
     cells, step = _thinned(free[pixels], builder, 0)
-    origin = _Origin(ros.resolution * step, np.array(ros.origin[:2]), ros.origin[2])
-    _add_free(builder, cells, 0, origin, path)
+    _add_free(builder, cells, 0, path, PlanAlignment(ros.origin[2], ros.resolution * step), ros.origin[:2])
     return finished(builder, "ros_map")
 
 
 def _flat_yaml(text: str, path: Path) -> dict[str, Any]:
     """Fields of a YAML file that is as flat as those of map_server are: no anchors, nothing nested."""
     fields: dict[str, Any] = {}
-    convert: Callable[[str], Any] = str.strip
     lines = [line.partition("#")[0].rstrip() for line in text.splitlines()]
     for number, line in enumerate(lines, start=1):
         if not line or line in ("---", "..."):
             continue
         key, colon, value = line.partition(":")
         if line.startswith("- ") and fields:  # a list over several lines
-            fields[list(fields)[-1]] = [*(fields[list(fields)[-1]] or []), convert(line[2:])]
+            fields[list(fields)[-1]] = [*(fields[list(fields)[-1]] or []), line[2:].strip()]
             continue
         if not colon or line[0].isspace() or "&" in value or "*" in value:
             raise MapError(f"{path}: line {number}: expected `name: value`; got {line[:60]!r}")
-        value = convert(value).strip("\"'")
+        value = value.strip().strip("\"'")
         is_list = value.startswith("[") and value.endswith("]")
         fields[key.strip()] = [part.strip() for part in value[1:-1].split(",")] if is_list else value
     return fields
@@ -408,10 +379,8 @@ def _flat_yaml(text: str, path: Path) -> dict[str, Any]:
 
 def sniff_ros(head: Head) -> bool:
     """True for YAML with `image`, `resolution` and `origin`."""
-    content = head.content
-    return head.path.suffix in (".yaml", ".yml") and all(
-        key in content for key in (b"image:", b"resolution:", b"origin:")
-    )
+    keys = (b"image:", b"resolution:", b"origin:")
+    return head.path.suffix in (".yaml", ".yml") and all(key in head.content for key in keys)
 
 
 ROS: Final = Reader(read_ros, sniff_ros)

@@ -17,22 +17,14 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 import numpy as np
+import shapely
 
 from pdrbench.errors import MapError
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import (
-    WORDS,
-    Feature,
-    frame_of,
-    is_degrees,
-    level_number,
-    member,
-    name_of,
-    opened,
-    to_metres,
-)
+from pdrbench_formats.maps.features import WORDS, Feature, frame_of, is_degrees, level_number, to_metres
+from pdrbench_formats.maps.files import member, name_of, opened
 from pdrbench_formats.maps.layers import LAYERS, Drawn, add_levels, in_metres, kind_of
 from pdrbench_formats.maps.plan import Plan
 
@@ -74,14 +66,13 @@ def plan_of(path: Path, features: Sequence[Feature], projection: str, *, strict:
     geo = frame_of(features) if features and (names_degrees or (not projection and is_degrees(features))) else None
     for feature in features:
         layer, level = layer_of(feature), _level_of(feature)
+        shape = feature.shape if geo is None else to_metres(feature.shape, geo)
         if not layer:
-            skipped[feature.text("Layer") or feature.kind or feature.shape.geom_type] += 1
+            skipped[feature.text("Layer") or feature.kind or shape.geom_type] += 1
         elif level != int(level):
-            area_m2 = (feature.shape if geo is None else to_metres(feature.shape, geo)).area
-            what = f"{layer} of {area_m2:.1f} m² on level {level:g}, which is no whole level: left out"
-            builder.note("level left out", f"{feature.id}: {what}")
+            builder.note_half_level(feature.id, layer, shape, f"{level:g}")
         else:
-            levels[int(level)][layer] += _parts(feature.shape if geo is None else to_metres(feature.shape, geo))
+            levels[int(level)][layer] += _parts(shape)
     if not any(drawn["wall"] or drawn["room"] for drawn in levels.values()):
         raise MapError(
             f"{path}: no layer is named like walls or rooms (layers: {', '.join(sorted(skipped)[:12]) or 'none'}); "
@@ -118,8 +109,6 @@ def _level_of(feature: Feature) -> float:
 
 def _parts(shape: Any) -> list[Any]:
     """Simple geometries; closed lines are polygons, as programs for drawing export rooms."""
-    import shapely
-
     parts = shapely.get_parts(shape)
     return [shapely.Polygon(one.coords) if one.geom_type == "LineString" and one.is_closed else one for one in parts]
 
@@ -141,13 +130,13 @@ def _features(container: Container, name: str) -> Iterator[Feature]:
     except ImportError:
         raise MapError("reading shapefiles needs pyshp: pip install pdrbench[maps]") from None
     stem = PurePosixPath(name).stem
-    files = {"shp": io.BytesIO(member(container, name))}
+    parts = {"shp": io.BytesIO(member(container, name))}
     if table := _part(container, name, ".dbf"):
-        files["dbf"] = io.BytesIO(table)
+        parts["dbf"] = io.BytesIO(table)
     try:
-        with shapefile.Reader(**files) as found:
+        with shapefile.Reader(**parts) as found:
             rows: Iterable[Mapping[str, Any]] = (
-                (record.as_dict() for record in found.iterRecords()) if "dbf" in files else iter(dict, None)
+                (record.as_dict() for record in found.iterRecords()) if "dbf" in parts else iter(dict, None)
             )
             for number, (shape, tags) in enumerate(zip(found.iterShapes(), rows, strict=False)):
                 where = f"{container.label(name)}: shape {number}"
@@ -160,8 +149,6 @@ def _features(container: Container, name: str) -> Iterator[Feature]:
 
 def _geometry(shape: Any) -> Any:
     """A shapely geometry in the plane; rings count by where they lie, not by the way round that they are drawn."""
-    import shapely
-
     ends = [*list(getattr(shape, "parts", []))[1:], len(shape.points)]
     parts = [np.array(part)[:, :2] for part in np.split(np.array(shape.points), ends[:-1]) if len(part)]
     if not np.isfinite(np.concatenate(parts or [np.zeros((0, 2))])).all():

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import shapely
+
 from pdrbench_formats.maps.builder import BuildingBuilder
 
 MIN_OVERLAP: Final = 0.3  # of the smaller of two outlines on neighbouring levels
@@ -46,11 +48,12 @@ def join_stacks(builder: BuildingBuilder, outlines: Sequence[Outline]) -> None:
         above = [outline for outline in outlines if outline.level == upper]
         taken: set[int] = set()
         for outline in (outline for outline in outlines if outline.level == lower and not outline.is_opening):
-            overlaps = [
-                0.0 if other.kind != outline.kind or k in taken else _overlap(outline.shape, other.shape)
+            overlaps = {
+                k: _overlap(outline.shape, other.shape)
                 for k, other in enumerate(above)
-            ]
-            best = max(range(len(above)), key=lambda k: overlaps[k], default=None)
+                if other.kind == outline.kind and k not in taken
+            }
+            best = max(overlaps, key=lambda k: overlaps[k], default=None)
             if best is None or overlaps[best] < MIN_OVERLAP:
                 continue
             taken.add(best)
@@ -75,6 +78,4 @@ def join_stacks(builder: BuildingBuilder, outlines: Sequence[Outline]) -> None:
 
 def _overlap(one: Any, other: Any) -> float:
     """Common area, as a fraction of the smaller."""
-    import shapely
-
     return float(shapely.intersection(one, other).area / max(min(one.area, other.area), 1e-9))

@@ -15,16 +15,8 @@ from pdrbench.errors import MapError
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import (
-    Feature,
-    check_degrees,
-    decoded,
-    frame_of,
-    member,
-    opened,
-    read_features,
-    to_metres,
-)
+from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, read_features, to_metres
+from pdrbench_formats.maps.files import decoded, member, opened
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_lab.plans.wrld3d import head_member
 
@@ -54,7 +46,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file, feature and remedy.
     """
     container = opened(Path(path))
-    floors, mended = read_features(container, FLOORS)
+    builder = BuildingBuilder(Path(path).stem, strict=strict)
+    floors = read_features(container, FLOORS, builder.note_geometry)
     if not floors:
         raise MapError(f"{container.label(FLOORS)}: no floor; export the venue again")
     check_degrees(floors, container.path)
@@ -62,20 +55,17 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     levels = {floor.text("id") or floor.id: _elevation(floor) for floor in floors}
     if len(set(levels.values())) != len(levels):
         raise MapError(f"{container.label(FLOORS)}: two floors have one elevation; export one building alone")
-    manifest = _manifest_name(container)
-    builder = BuildingBuilder(manifest or Path(path).stem, strict=strict)
+    manifest = read_features(container, "manifest.geojson", builder.note_geometry)
+    builder.name = (manifest[0].text("name") if manifest else "") or builder.name
     for level in sorted(levels.values()):
         builder.add_level(level)
     skipped: Counter[str] = Counter()
     shapes: dict[tuple[str, str], Any] = {}
     kinds: dict[str, str] = {}
     for id in levels:
-        features, own = read_features(container, f"geometry/{id}.geojson")
-        mended += own
+        features = read_features(container, f"geometry/{id}.geojson", builder.note_geometry)
         kinds |= decoded(member(container, f"kinds/{id}.json"), dict[str, str], container.label(f"kinds/{id}.json"))
         shapes |= {(id, feature.text("id") or feature.id): to_metres(feature.shape, geo) for feature in features}
-    for what in mended:
-        builder.note("geometry", what)
     connections = _connections(container)
     used: set[tuple[str, str]] = set()
     for connection in connections:
@@ -91,11 +81,6 @@ def _elevation(floor: Feature) -> int:
     if isinstance(elevation, bool) or not isinstance(elevation, (int, float)) or elevation != int(elevation):
         raise MapError(f"{floor.where}: elevation is {elevation!r}; expected a whole number, 0 for the ground")
     return int(elevation)
-
-
-def _manifest_name(container: Container) -> str:
-    features, _ = read_features(container, "manifest.geojson")
-    return features[0].text("name") if features else ""
 
 
 def _add(builder: BuildingBuilder, id: str, kind: str, shape: Any, level: int, skipped: Counter[str]) -> None:

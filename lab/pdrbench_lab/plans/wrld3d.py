@@ -17,16 +17,8 @@ from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import (
-    Feature,
-    check_degrees,
-    decoded,
-    frame_of,
-    member,
-    opened,
-    read_features,
-    to_metres,
-)
+from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, read_features, to_metres
+from pdrbench_formats.maps.files import decoded, member, opened
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 from pdrbench_sim.resolution import in_steps
@@ -67,15 +59,11 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{container.label(MAIN)}: two levels have z_order {max(orders, key=orders.count)}; number them")
     ground = sorted(orders)[min(max(main.entrance_level, 0), len(orders) - 1)]
     levels: dict[int, list[Feature]] = {}
-    mended: list[str] = []
+    builder = BuildingBuilder(main.name or Path(path).stem, strict=strict)
     for level in sorted(main.levels, key=lambda level: level.z_order):
-        levels[level.z_order - ground], own = read_features(container, level.filename)
-        mended += own
+        levels[level.z_order - ground] = read_features(container, level.filename, builder.note_geometry)
     everything = [feature for features in levels.values() for feature in features]
     check_degrees(everything, container.path)
-    builder = BuildingBuilder(main.name or Path(path).stem, strict=strict)
-    for what in mended:
-        builder.note("geometry", what)
     geo = frame_of(everything)
     skipped: Counter[str] = Counter()
     outlines: list[Outline] = []

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+import shapely
 
 from pdrbench_formats.maps.assembly.doors import MIN_DOOR_M, door_gaps, doors_of
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, DrawnLevel, RepairLog
@@ -24,8 +25,6 @@ MAX_CUTS: Final = 4  # rounds in which rings that touch are kept apart
 
 def cells_of(level: DrawnLevel, shafts: Sequence[Connection], door_m: float, repairs: RepairLog) -> list[Cell]:
     """Areas, outlines of shafts and doors of a level, apart from one another."""
-    import shapely
-
     number = level.number
     first = [
         Cell(f"{shaft.id}", shaft.outlines[number], number, "lift" if shaft.kind == "lift" else "floor",
@@ -64,8 +63,6 @@ def cells_of(level: DrawnLevel, shafts: Sequence[Connection], door_m: float, rep
 
 def _split(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]:
     """Each connected part a cell of its own, without necks too narrow to pass."""
-    import shapely
-
     found = []
     for cell in cells:
         shape = cell.shape
@@ -91,8 +88,6 @@ def _split(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]
 
 def _apart(cells: Sequence[Cell]) -> list[Cell]:
     """Cells without the area of those before them."""
-    import shapely
-
     tree = shapely.STRtree([cell.shape for cell in cells])
     found = []
     for i, cell in enumerate(cells):
@@ -106,8 +101,6 @@ def _apart(cells: Sequence[Cell]) -> list[Cell]:
 
 def clean(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]:
     """The same cells with the same vertices on both sides of every common edge."""
-    import shapely
-
     if not cells:
         return []
     shapes = np.array([cell.shape for cell in cells])
@@ -136,8 +129,6 @@ def clean(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]:
 
 def _is_torn(cells: Sequence[Cell], cleaned: Any) -> bool:
     """Whether two cells that people pass between lie side by side, and no common edge is long enough to pass."""
-    import shapely
-
     pairs = shapely.STRtree(cleaned).query(cleaned, predicate="dwithin", distance=WIDE_SNAP_M).T
     for i, j in ((i, j) for i, j in pairs if i < j and cells[i].is_open_to(cells[j])):
         near = shapely.intersection(cleaned[i].boundary, cleaned[j].buffer(WIDE_SNAP_M, cap_style="square"))
@@ -150,7 +141,6 @@ def _is_torn(cells: Sequence[Cell], cleaned: Any) -> bool:
 
 def _report_moves(before: Any, after: Any, number: int, repairs: RepairLog) -> None:
     """Reports edges that were almost the same and are the same now."""
-    import shapely
     from scipy.spatial import KDTree
 
     old, new = shapely.get_coordinates(before), shapely.get_coordinates(after)

@@ -9,6 +9,8 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+import shapely
+from shapely import ops
 
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.assembly.drawing import Cell, DrawnLevel, RepairLog
@@ -23,8 +25,6 @@ MAX_FOUND_NECK_M: Final = 0.5  # nor is one that is longer: that is a corridor
 
 def doors_of(level: DrawnLevel, cells: Sequence[Cell], walls: Any, repairs: RepairLog) -> list[Cell]:
     """A cell for every door that leads from one area to another, or through a wall within one."""
-    import shapely
-
     tree = shapely.STRtree([cell.shape for cell in cells])
     doors: list[Cell] = []
     for geometry, width_m, name in level.doors:
@@ -44,12 +44,8 @@ def doors_of(level: DrawnLevel, cells: Sequence[Cell], walls: Any, repairs: Repa
         for other in doors[:i]:
             if shapely.intersects(door.shape, other.shape):
                 door.shape = without(door.shape, other.shape)
-    kept = []
-    for door in doors:
-        parts = large_parts(door.shape, 1e-3)
-        if parts:
-            kept.append(replace(door, shape=max(parts, key=shapely.area)))
-    return kept
+    parts = [large_parts(door.shape, 1e-3) for door in doors]
+    return [replace(door, shape=max(of, key=shapely.area)) for door, of in zip(doors, parts, strict=True) if of]
 
 
 def door_gaps(shape: Any) -> list[Any]:
@@ -57,8 +53,6 @@ def door_gaps(shape: Any) -> list[Any]:
 
     Rooms are what a disc wider than a door can sweep; a gap is where two of them meet or almost meet.
     """
-    import shapely
-
     half_m = MAX_FOUND_DOOR_M / 2
     cores = large_parts(shape.buffer(-half_m), 0.0)
     rooms = [core.buffer(half_m) for core in cores]
@@ -78,8 +72,6 @@ def door_gaps(shape: Any) -> list[Any]:
 
 def _across(middle: Any, one: Any, other: Any, shape: Any) -> Any:
     """The line through a place, across the way from one part of a floor to another, from wall to wall; or None."""
-    import shapely
-
     ways = [shapely.get_coordinates(shapely.shortest_line(part, middle))[0] for part in (one, other)]
     along = ways[1] - ways[0]
     length_m = float(np.hypot(*along))
@@ -98,8 +90,6 @@ def _across(middle: Any, one: Any, other: Any, shape: Any) -> Any:
 
 def _door_in_polygon(shape: Any, cells: Sequence[Cell], tree: Any, walls: Any) -> Any:
     """The part of a door's polygon that is no wall, or all of it where that touches less floor; None without floor."""
-    import shapely
-
     free = without(shape, walls)
     parts = large_parts(free, 0.02)
     if parts and sum(part.area for part in parts) > 0.5 * shape.area:
@@ -111,8 +101,6 @@ def _door_in_polygon(shape: Any, cells: Sequence[Cell], tree: Any, walls: Any) -
 
 def _door_on_line(geometry: Any, width_m: float, cells: Sequence[Cell], tree: Any) -> Any:
     """A rectangle about the line of a door, deep enough to reach the floor on both sides; None where there is none."""
-    import shapely
-
     if geometry.geom_type == "Point":
         geometry = _line_through(geometry, width_m, cells, tree)
         if geometry is None:
@@ -131,15 +119,11 @@ def _door_on_line(geometry: Any, width_m: float, cells: Sequence[Cell], tree: An
 
 
 def _strip(ends: FloatArray, across: FloatArray) -> Any:
-    import shapely
-
     return shapely.Polygon([ends[0], ends[1], ends[1] + across, ends[0] + across])
 
 
 def _floor_at_end(ends: FloatArray, across: FloatArray, cells: Sequence[Cell], tree: Any) -> bool:
     """Whether there is floor along most of the far side of a strip."""
-    import shapely
-
     far = shapely.LineString(
         [ends[0] + across + 0.1 * (ends[1] - ends[0]), ends[1] + across - 0.1 * (ends[1] - ends[0])]
     )
@@ -150,64 +134,42 @@ def _floor_at_end(ends: FloatArray, across: FloatArray, cells: Sequence[Cell], t
 
 def _line_through(point: Any, width_m: float, cells: Sequence[Cell], tree: Any) -> Any:
     """The line of a door at a point: along the nearest wall, moved off its corners."""
-    import shapely
-
-    near = [cells[int(i)] for i in tree.query(point.buffer(DOOR_REACHES_M[-1]))]
-    best: tuple[float, float, FloatArray, FloatArray] | None = None
-    place = shapely.get_coordinates(point)[0]
-    for cell in near:
+    found: list[Any] = []
+    for cell in (cells[int(i)] for i in tree.query(point.buffer(DOOR_REACHES_M[-1]))):
         for ring in (cell.shape.exterior, *cell.shape.interiors):
             points = shapely.get_coordinates(shapely.simplify(ring, 0.01))
-            a, along = points[:-1], np.diff(points, axis=0)
-            length = np.maximum(np.hypot(*along.T), 1e-9)
-            t = np.clip(((place - a) * along).sum(axis=1) / length**2, 0.0, 1.0)
-            off_m = np.hypot(*(a + t[:, None] * along - place).T)
-            close = np.flatnonzero(off_m <= min(off_m.min() + 0.05, DOOR_REACHES_M[-1]))
-            for k in close:
-                key = (round(float(off_m[k]) / 0.1), -float(length[k]))
-                if best is None or key < best[:2]:
-                    best = (*key, a[k], a[k] + along[k])
-    if best is None:
+            edges = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+            off_m = shapely.distance(edges, point)
+            found += list(edges[off_m <= min(off_m.min() + 0.05, DOOR_REACHES_M[-1])])
+    wall = min(found, key=lambda edge: (round(edge.distance(point) / 0.1), -edge.length), default=None)
+    if wall is None:
         return None
-    a, b = best[2:]
-    length_m = float(np.hypot(*(b - a)))
-    unit = (b - a) / length_m
-    half_m = min(width_m, length_m) / 2
-    middle_m = float(np.clip((place - a) @ unit, half_m, length_m - half_m))
-    return shapely.LineString([a + (middle_m - half_m) * unit, a + (middle_m + half_m) * unit])
+    half_m = min(width_m, wall.length) / 2
+    middle_m = float(np.clip(wall.project(point), half_m, wall.length - half_m))
+    return ops.substring(wall, middle_m - half_m, middle_m + half_m)
 
 
 def doorway_beside(shape: Any, others: Sequence[Any], width_m: float) -> Any:
     """A rectangle from an outline through the thinnest wall to the floor behind it; None where no floor is near."""
-    import shapely
-
     if not others:
         return None
     tree = shapely.STRtree(others)
-    best: tuple[float, Any] | None = None
-    points = shapely.get_coordinates(shape.exterior)
-    for a, b in itertools.pairwise(points):
+    best: tuple[float, Any] = math.inf, None
+    for a, b in itertools.pairwise(shapely.get_coordinates(shape.exterior)):
         length_m = float(np.hypot(*(b - a)))
         if length_m < width_m:
             continue
         unit = (b - a) / length_m
+        out = np.array([unit[1], -unit[0]]) * (1.0 if shape.exterior.is_ccw else -1.0)
         for middle_m in np.linspace(width_m / 2, length_m - width_m / 2, max(1, int(length_m / 0.4))):
             ends = np.array([a + (middle_m - width_m / 2) * unit, a + (middle_m + width_m / 2) * unit])
-            for sign in (1.0, -1.0):
-                across = sign * np.array([-unit[1], unit[0]])
-                if shapely.Polygon(shape).contains(shapely.Point(*(ends.mean(axis=0) + 0.05 * across))):
-                    continue
-                ray = shapely.LineString([ends.mean(axis=0), ends.mean(axis=0) + MAX_THIN_WALL_M * across])
-                hits = [shapely.intersection(ray, others[int(i)]) for i in tree.query(ray, predicate="intersects")]
-                gap_m = min(
-                    (shapely.distance(shapely.Point(*ends.mean(axis=0)), hit) for hit in hits), default=math.inf
-                )
-                if best is not None and gap_m >= best[0] - 1e-3:
-                    continue
-                strip = _strip(ends - 0.05 * across, (gap_m + 0.1) * across) if math.isfinite(gap_m) else None
-                if strip is None:
-                    continue
-                far = shapely.LineString(ends + (gap_m + 0.04) * across)
-                if sum(shapely.intersection(far, others[int(i)]).length for i in tree.query(far)) > 0.8 * width_m:
-                    best = (float(gap_m), shapely.orient_polygons(strip))
-    return None if best is None else best[1]
+            middle = shapely.Point(ends.mean(axis=0))
+            ray = shapely.LineString([ends.mean(axis=0), ends.mean(axis=0) + MAX_THIN_WALL_M * out])
+            hits = [shapely.intersection(ray, others[int(i)]) for i in tree.query(ray, predicate="intersects")]
+            gap_m = min((shapely.distance(middle, hit) for hit in hits), default=math.inf)
+            if gap_m >= best[0] - 1e-3:
+                continue
+            far = shapely.LineString(ends + (gap_m + 0.04) * out)
+            if sum(shapely.intersection(far, others[int(i)]).length for i in tree.query(far)) > 0.8 * width_m:
+                best = float(gap_m), shapely.orient_polygons(_strip(ends - 0.05 * out, (gap_m + 0.1) * out))
+    return best[1]

@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
+import shapely
 
+from pdrbench.building.polygons import signed_area_m2
 from pdrbench.geometry import FloatArray
 
 RISER_M: Final = 0.17  # usual height of a riser
@@ -92,8 +94,6 @@ class StairLayout:
 
     def chord(self, v_m: float) -> tuple[float, float] | None:
         """Lowest and highest u of the longest piece of the outline at a v; None where there is none."""
-        import shapely
-
         x0, _, x1, _ = self.core.bounds
         line = shapely.intersection(self.core, shapely.LineString([(x0 - 1, v_m), (x1 + 1, v_m)]))
         pieces = [piece for piece in shapely.get_parts(line) if piece.geom_type == "LineString"]
@@ -125,8 +125,6 @@ class Tread:
 
 def frames_of(core: Any) -> Iterator[StairFrame]:
     """Frames to try: the rectangle round the outline in four directions, or its centre where it turns about one."""
-    import shapely
-
     rectangle = shapely.oriented_envelope(core)
     if rectangle.geom_type != "Polygon":
         return
@@ -141,8 +139,6 @@ def frames_of(core: Any) -> Iterator[StairFrame]:
 
 def _sector_frames(core: Any) -> Iterator[StairFrame]:
     """Frames of a sector of a ring: a circle through the part of its outline that lies on its convex hull."""
-    import shapely
-
     hull = shapely.get_coordinates(core.convex_hull)[:-1]
     hull = hull[np.hypot(*(hull - np.roll(hull, 1, axis=0)).T) > 1e-6]
     if len(hull) < 6:
@@ -202,8 +198,6 @@ def lay_out(
         straight_only: Leave out flights that turn back, as for an escalator.
         up: Direction (x, y) in which a straight flight leads up; None for either.
     """
-    import shapely
-
     found: list[StairLayout] = []
     for frame in frames_of(core):
         local = shapely.transform(core, frame.to_uv)
@@ -224,8 +218,6 @@ def lay_out(
 
 def _profile(access: Any, frame: StairFrame) -> FloatArray:
     """(N,) v of points every few centimetres of the way in, ascending."""
-    import shapely
-
     points = shapely.get_coordinates(shapely.segmentize(access, 0.05))
     return np.sort(frame.to_uv(points)[:, 1]) if len(points) else np.zeros(0)
 
@@ -331,7 +323,7 @@ def _half_turn(layout: StairLayout, risers: int, below: Edge, above: Edge) -> li
     right = down[-1][1]
     far = layout.frame.to_xy(np.array([[end[0], high - 0.02], [end[1], high - 0.02]]))
     half = np.array([left, middle, right, far[1], far[0]])
-    rings.append((half, 0, 1) if _is_ccw(half) else (half[::-1].copy(), 3, 2))
+    rings.append((half, 0, 1) if signed_area_m2(half) > 0 else (half[::-1].copy(), 3, 2))
     back = [_quad(a, b) for a, b in itertools.pairwise(down)]
     return rings + [(ring, after, before) for ring, before, after in reversed(back)]
 
@@ -359,12 +351,7 @@ def _aligned(cut: Edge, edge: Edge) -> Edge:
 def _quad(a: Edge, b: Edge) -> _Ring:
     """The tread between two cuts, counter-clockwise, and the numbers of its edges along them."""
     ring = np.array([a[0], a[1], b[1], b[0]])
-    return (ring, 0, 2) if _is_ccw(ring) else (ring[::-1].copy(), 2, 0)
-
-
-def _is_ccw(ring: FloatArray) -> bool:
-    x, y = (ring - ring[0]).T
-    return bool((x * np.roll(y, -1) - np.roll(x, -1) * y).sum() > 0)
+    return (ring, 0, 2) if signed_area_m2(ring) > 0 else (ring[::-1].copy(), 2, 0)
 
 
 def parts_on_level(layout: StairLayout, outline: Any, *, leaves: bool, arrives: bool) -> Mapping[str, Any]:
@@ -379,8 +366,6 @@ def parts_on_level(layout: StairLayout, outline: Any, *, leaves: bool, arrives: 
     Returns:
         "landing" and, of a straight stair between two others, "upper landing"; "up" and "down" are taken by flights.
     """
-    import shapely
-
     local = shapely.transform(outline, layout.frame.to_uv)
     x0, y0, x1, y1 = shapely.union_all([local, layout.core]).bounds
     taken = shapely.intersection(layout.core, shapely.box(x0, layout.near_m, x1, layout.far_m))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import shapely
 
 from pdrbench.building.polygons import WALL, FloorPolygon
 from pdrbench.geometry import FloatArray
@@ -23,8 +24,6 @@ class JoinedPolygons:
 
     def add(self, cells: Sequence[Cell], height_m: float) -> None:
         """Adds the cells of a level, open to one another where the edges that they share are no wall."""
-        import shapely
-
         first = len(self.polygons)
         index: dict[int, int] = {}
         rings: list[list[FloatArray]] = []
@@ -132,13 +131,12 @@ def add_flights(
         if below is None or above is None:
             level = lower if below is None else upper
             what = f"no landing is left on level {level}: not joined"
-            middle = layout.frame.to_xy(np.array([layout.core.centroid.coords[0]]))[0]
-            repairs.add("stairs not joined", f"{shaft.kind} {shaft.id!r}", what, middle, level)
+        elif not joined.add_flight(shaft.id, (lower, upper), layout, number, heights_m, below, above):
+            level, what = lower, "its treads would cross one another: left out, not joined"
+        else:
             continue
-        if not joined.add_flight(f"{shaft.id}", (lower, upper), layout, number, heights_m, below, above):
-            what = "its treads would cross one another: left out, not joined"
-            middle = layout.frame.to_xy(np.array([layout.core.centroid.coords[0]]))[0]
-            repairs.add("stairs not joined", f"{shaft.kind} {shaft.id!r}", what, middle, lower)
+        middle = layout.frame.to_xy(np.array([layout.core.centroid.coords[0]]))[0]
+        repairs.add("stairs not joined", f"{shaft.kind} {shaft.id!r}", what, middle, level)
 
 
 def _edges_of(rings: Iterable[FloatArray]) -> Iterable[tuple[tuple[float, ...], tuple[float, ...]]]:

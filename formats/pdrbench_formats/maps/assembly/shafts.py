@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+import shapely
 
 from pdrbench_formats.maps.assembly.doors import MIN_DOOR_M, doorway_beside
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, RepairLog
@@ -42,8 +43,6 @@ def lay_out_shaft(
     k: int, shaft: Connection, by_level: Mapping[int, list[Cell]], height_m: Mapping[int, float], repairs: RepairLog
 ) -> StairLayout | None:
     """Where the treads of a stair lie; None, with a repair, where there is no room for them."""
-    import shapely
-
     outlines = [sound(shaft.outlines[level], slit_m=SLIT_M) for level in shaft.levels]
     core = sound(functools.reduce(common, outlines), slit_m=SLIT_M)
     middle = shapely.get_coordinates(shaft.outlines[shaft.levels[0]].centroid)[0]
@@ -86,8 +85,6 @@ def lay_out_shaft(
 
 def _access(k: int, cells: Sequence[Cell]) -> Any:
     """Lines where the outline of a shaft is open to the floor of a level."""
-    import shapely
-
     own = [cell for cell in cells if cell.shaft == k]
     others = [
         cell.shape
@@ -123,8 +120,6 @@ def open_shafts(
     cells: list[Cell], shafts: Sequence[Connection], number: int, door_m: float, repairs: RepairLog
 ) -> None:
     """Gives a stair or lift without any way in on this level a doorway through the thinnest wall beside it."""
-    import shapely
-
     for k, shaft in enumerate(shafts):
         own = [cell for cell in cells if cell.shaft == k]
         if not own or _access(k, cells).length >= MIN_DOOR_M:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import numpy as np
+import shapely
 
 from pdrbench.building.validation import MIN_WIDTH_M
 from pdrbench.errors import MapError
@@ -29,8 +29,6 @@ def simple_parts(geometry: Any, *, ring: bool = True) -> list[Any]:
     Raises:
         MapError: Neither of both, or not finite.
     """
-    import shapely
-
     if not isinstance(geometry, shapely.Geometry):
         try:
             points = np.asarray(geometry, dtype=np.float64)
@@ -46,17 +44,18 @@ def simple_parts(geometry: Any, *, ring: bool = True) -> list[Any]:
         geometry = make(points)
     if not np.isfinite(shapely.get_coordinates(geometry)).all():
         raise MapError("a vertex is not finite; give metres")
-    flat = shapely.force_2d(geometry)
-    parts = [flat]
-    while any(part.geom_type.startswith(("Multi", "Geometry")) for part in parts):
-        parts = list(shapely.get_parts(parts))
+    return list(_flat([shapely.force_2d(geometry)]))
+
+
+def _flat(parts: Any) -> Any:
+    """Simple geometries of collections, also of those in one another."""
+    while len(parts) and any(part.geom_type.startswith(("Multi", "Geometry")) for part in parts):
+        parts = shapely.get_parts(parts)
     return parts
 
 
 def valid_polygons(parts: Iterable[Any], where: str, level: int, repairs: RepairLog) -> list[Any]:
     """Valid polygons of simple parts; what is no polygon raises `MapError`, what is empty or thin is left out."""
-    import shapely
-
     found = []
     for part in parts:
         if part.is_empty:
@@ -90,8 +89,6 @@ def sound(shape: Any, *, slit_m: float = 0.0) -> Any:
     Returns:
         A polygon, which is empty where nothing of an area is left.
     """
-    import shapely
-
     mended = shapely.make_valid(shape, method="structure", keep_collapsed=False)
     if slit_m:
         mended = mended.buffer(slit_m, join_style="mitre").buffer(-slit_m, join_style="mitre")
@@ -101,8 +98,6 @@ def sound(shape: Any, *, slit_m: float = 0.0) -> Any:
 
 def is_sound(rings: Iterable[FloatArray]) -> bool:
     """Whether rings (K, 2), the outline first, are a floor polygon: simple, holes inside, wider than a millimetre."""
-    import shapely
-
     outline, *holes = rings
     if len(outline) < 3 or not all(np.isfinite(ring).all() for ring in (outline, *holes)):
         return False
@@ -112,22 +107,16 @@ def is_sound(rings: Iterable[FloatArray]) -> bool:
 
 def common(one: Any, other: Any) -> Any:
     """What two geometries share, also where edges almost coincide."""
-    import shapely
-
     return _overlay(shapely.intersection, one, other)
 
 
 def without(one: Any, other: Any) -> Any:
     """The first geometry without the second, also where edges almost coincide."""
-    import shapely
-
     return _overlay(shapely.difference, one, other)
 
 
 def _overlay(operation: Callable[..., Any], one: Any, other: Any) -> Any:
     """An overlay; where edges 1e-10 m apart have spoilt it, as GEOS lets happen silently, the same on a fine grid."""
-    import shapely
-
     # Lines and points that an overlay before this one left beside polygons: GEOS takes no mixture.
     one, other = (
         shapely.union_all(large_parts(shape, 0.0)) if shape.geom_type == "GeometryCollection" else shape
@@ -136,34 +125,18 @@ def _overlay(operation: Callable[..., Any], one: Any, other: Any) -> Any:
     snapped = operation(one, other, grid_size=GRID_M)
     try:
         exact = operation(one, other)
-    except geos_error():  # of edges that cross at one point only as far as numbers are exact
+    except shapely.GEOSException:  # of edges that cross at one point only as far as numbers are exact
         return snapped
     return exact if abs(exact.area - snapped.area) < MAX_LOST_M2 else snapped
 
 
-@functools.cache
-def geos_error() -> type[Exception]:
-    """What shapely raises where an overlay has no answer."""
-    from shapely.errors import GEOSException
-
-    found: type[Exception] = GEOSException
-    return found
-
-
 def large_parts(shape: Any, min_m2: float) -> list[Any]:
     """Polygons of a geometry that are larger than so much."""
-    import shapely
-
-    parts = shapely.get_parts(shape)
-    while len(parts) and any(part.geom_type.startswith(("Multi", "Geometry")) for part in parts):
-        parts = shapely.get_parts(parts)
-    return [part for part in parts if part.geom_type == "Polygon" and part.area > min_m2]
+    return [part for part in _flat(shapely.get_parts(shape)) if part.geom_type == "Polygon" and part.area > min_m2]
 
 
 def touching_vertices(shape: Any) -> FloatArray:
     """(N, 2) vertices that occur twice: rings that touch cannot be cut into convex cells."""
-    import shapely
-
     found = [np.zeros((0, 2))]
     for part in large_parts(shape, 0.0):
         rings = [shapely.get_coordinates(ring)[:-1] for ring in (part.exterior, *part.interiors)]
@@ -174,10 +147,7 @@ def touching_vertices(shape: Any) -> FloatArray:
 
 def unique_id(id: str, taken: set[str]) -> str:
     """The id, or with a number behind it where it is taken; taken from now on."""
-    own = id
-    for number in itertools.count(2):
-        if own not in taken:
-            break
-        own = f"{id}#{number}"
+    names = itertools.chain([id], (f"{id}#{number}" for number in itertools.count(2)))
+    own = next(name for name in names if name not in taken)
     taken.add(own)
     return own
