@@ -11,7 +11,7 @@ from pdrbench.recording import SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_formats.derive import attitude, derive, missing_reason
-from pdrbench_formats.taskfile.mounting import moves_as_shoe
+from pdrbench_formats.taskfile.motion import moves_as_shoe
 from pdrbench_sim.foot.known_walk import walk as foot_walk
 
 RATE_HZ = 50.0

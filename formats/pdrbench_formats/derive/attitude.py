@@ -8,7 +8,6 @@ while the pedestrian walks through it and its strength and dip stay as they are,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,39 +17,16 @@ from pdrbench.inertial import PhoneAttitude, multiply, phone_heading_rad, to_wor
 from pdrbench.inertial.quaternions import about_vertical
 
 BLOCK_S: Final = 0.5  # the field is judged, and the yaw corrected, at the end of each
-
-
-@dataclass(frozen=True, slots=True)
-class AttitudeParams:
-    """Settings of `attitude`; ours unless a line says otherwise.
-
-    Attributes:
-        window_s: Over which the field has to be steady.
-        strength_ut: Standard deviation of its strength over the window, at most.
-        dip_rad: The same of its dip.
-        earth_ut: Smallest and largest strength of the Earth's field.
-        walking_mps2: Standard deviation of the length of the specific force over the window, at least: any field is
-            steady at rest.
-        compass_s: Time constant with which a trusted field turns the yaw.
-        doubt: Weight of a field that is not trusted, where nothing else gives a heading.
-        still_radps: A gyroscope whose axes vary by less over a second is at rest, ...
-        still_mps2: ... if the length of the specific force varies by less, too, ...
-        bias_radps: ... and it shows less than this, which is then its bias.
-    """
-
-    window_s: float = 8.0
-    strength_ut: float = 2.0  # sources.md 1.7: 4 microtesla within a building
-    dip_rad: float = math.radians(3.0)
-    earth_ut: tuple[float, float] = (22.0, 67.0)  # of the World Magnetic Model at the surface
-    walking_mps2: float = 0.8
-    compass_s: float = 60.0  # as `learned` found: 30 to 100 s are equally good
-    doubt: float = 0.2
-    still_radps: float = 0.01
-    still_mps2: float = 0.2
-    bias_radps: float = 0.05
-
-
-PARAMS: Final = AttitudeParams()
+WINDOW_S: Final = 8.0  # over which the field has to be steady
+MAX_STRENGTH_UT: Final = 2.0  # standard deviation of its strength over the window; sources.md 1.7: 4 within a building
+MAX_DIP_RAD: Final = math.radians(3.0)  # the same of its dip
+EARTH_UT: Final = (22.0, 67.0)  # of the World Magnetic Model at the surface
+MIN_WALKING_MPS2: Final = 0.8  # standard deviation of |a| over the window: any field is steady at rest
+COMPASS_S: Final = 60.0  # in which a trusted field turns the yaw, as `learned` found: 30 to 100 s are equally good
+DOUBT: Final = 0.2  # weight of a field that is not trusted, where nothing else gives a heading
+STILL_RADPS: Final = 0.01  # a gyroscope whose axes vary by less over a second is at rest, ...
+STILL_MPS2: Final = 0.2  # ... if the length of the specific force varies by less, too, ...
+BIAS_RADPS: Final = 0.05  # ... and it shows less than this, which is then its bias
 
 
 def attitude(
@@ -58,7 +34,6 @@ def attitude(
     gyro: FloatArray,
     mag: FloatArray | None = None,
     heading_rad: float | None = None,
-    p: AttitudeParams = PARAMS,
 ) -> FloatArray:
     """Attitudes at the samples of the gyroscope, each from samples that are not later.
 
@@ -70,16 +45,15 @@ def attitude(
         gyro: (m, 4) t_s, rates in rad/s.
         mag: (k, 4) t_s, field in microtesla; None where there is none.
         heading_rad: Of the walker at the start, counter-clockwise from +x.
-        p: Settings.
 
     Returns:
         (j, 5) t_s and unit Hamilton wxyz, device to building, as the sensor `rotation` has them.
     """
-    rotation = PhoneAttitude().update(accel, _without_bias(accel, gyro, p))
+    rotation = PhoneAttitude().update(accel, _without_bias(accel, gyro))
     rotation = turned_to_heading(rotation, 0.0 if heading_rad is None else heading_rad)
     if mag is None or not len(mag) or not len(rotation):
         return rotation
-    end_s, correction_rad = _corrections(accel, mag, rotation, heading_rad is not None, p)
+    end_s, correction_rad = _corrections(accel, mag, rotation, heading_rad is not None)
     block = np.searchsorted(end_s, rotation[:, 0], side="right") - 1
     turn_rad = np.where(block >= 0, correction_rad[np.maximum(block, 0)], 0.0)
     turned = multiply(about_vertical(turn_rad), rotation[:, 1:5])
@@ -98,7 +72,7 @@ def turned_to_heading(rotation: FloatArray, heading_rad: float) -> FloatArray:
     return np.column_stack([rotation[:, 0], np.clip(turned, -1.0, 1.0)])
 
 
-def _without_bias(accel: FloatArray, gyro: FloatArray, p: AttitudeParams) -> FloatArray:
+def _without_bias(accel: FloatArray, gyro: FloatArray) -> FloatArray:
     """(m, 4) rates less the mean rate of the seconds at rest before them, the last ten of these."""
     if not len(gyro):
         return gyro
@@ -108,14 +82,14 @@ def _without_bias(accel: FloatArray, gyro: FloatArray, p: AttitudeParams) -> Flo
     mean = np.add.reduceat(gyro[:, 1:4], first) / count
     square = np.add.reduceat(gyro[:, 1:4] ** 2, first) / count
     spread = np.sqrt(np.maximum(square - mean**2, 0.0)).max(axis=1)
-    rests = (spread < p.still_radps) & (np.abs(mean).max(axis=1) < p.bias_radps) & (count[:, 0] >= 8)
+    rests = (spread < STILL_RADPS) & (np.abs(mean).max(axis=1) < BIAS_RADPS) & (count[:, 0] >= 8)
     edges = np.searchsorted(accel[:, 0], np.append(gyro[first, 0], np.inf))
     force_mps2 = np.linalg.norm(accel[:, 1:4], axis=1)
     bias, biases, num_rests = np.zeros(3), np.zeros((len(first), 3)), 0
     for i in range(len(first)):
         biases[i] = bias  # of the seconds before this one
         force = force_mps2[edges[i] : edges[i + 1]]
-        if rests[i] and len(force) >= 8 and force.std() < p.still_mps2:
+        if rests[i] and len(force) >= 8 and force.std() < STILL_MPS2:
             num_rests += 1
             bias = bias + (mean[i] - bias) / min(num_rests, 10)
     corrected = gyro.copy()
@@ -124,7 +98,7 @@ def _without_bias(accel: FloatArray, gyro: FloatArray, p: AttitudeParams) -> Flo
 
 
 def _corrections(
-    accel: FloatArray, mag: FloatArray, rotation: FloatArray, has_heading: bool, p: AttitudeParams
+    accel: FloatArray, mag: FloatArray, rotation: FloatArray, has_heading: bool
 ) -> tuple[FloatArray, FloatArray]:
     """From when (b,) to turn attitudes by how much (b,): the end of each block of the magnetometer."""
     latest = np.searchsorted(rotation[:, 0], mag[:, 0], side="right") - 1
@@ -141,32 +115,32 @@ def _corrections(
     turn_rad = np.zeros(len(end_s))
     if not has_heading:
         turn_rad[0] = off_rad[0]
-    mean, weight_s = np.exp(1j * off_rad[0]), BLOCK_S * p.doubt  # of the direction, and for how long it was seen
+    mean, weight_s = np.exp(1j * off_rad[0]), BLOCK_S * DOUBT  # of the direction, and for how long it was seen
     reference_rad: float | None = None if has_heading else 0.0
     for i in range(1, len(end_s)):
         block = slice(*np.searchsorted(mag[:, 0], [end_s[i - 1], end_s[i]]))
-        window = slice(*np.searchsorted(mag[:, 0], [end_s[i] - p.window_s, end_s[i]]))
-        force = force_mps2[slice(*np.searchsorted(accel[:, 0], [end_s[i] - p.window_s, end_s[i]]))]
+        window = slice(*np.searchsorted(mag[:, 0], [end_s[i] - WINDOW_S, end_s[i]]))
+        force = force_mps2[slice(*np.searchsorted(accel[:, 0], [end_s[i] - WINDOW_S, end_s[i]]))]
         turn_rad[i] = turn_rad[i - 1]
         if block.stop == block.start:
             continue
         is_trusted = (
-            end_s[i] - first_s >= p.window_s
-            and p.earth_ut[0] < strength_ut[window].mean() < p.earth_ut[1]
-            and strength_ut[window].std() < p.strength_ut
-            and dip_rad[window].std() < p.dip_rad
+            end_s[i] - first_s >= WINDOW_S
+            and EARTH_UT[0] < strength_ut[window].mean() < EARTH_UT[1]
+            and strength_ut[window].std() < MAX_STRENGTH_UT
+            and dip_rad[window].std() < MAX_DIP_RAD
             and len(force) > 1
-            and force.std() > p.walking_mps2
+            and force.std() > MIN_WALKING_MPS2
         )
-        part_s = BLOCK_S * (1.0 if is_trusted else 0.0 if has_heading else p.doubt)
+        part_s = BLOCK_S * (1.0 if is_trusted else 0.0 if has_heading else DOUBT)
         if not part_s:
             continue
         weight_s += part_s
         direction = np.exp(1j * off_rad[block]).mean()
-        mean += (direction - mean) * min(part_s / min(weight_s, p.compass_s), 1.0)
+        mean += (direction - mean) * min(part_s / min(weight_s, COMPASS_S), 1.0)
         if reference_rad is None:
             reference_rad, mean, weight_s = float(np.angle(direction)), direction, part_s
-        elif has_heading and weight_s < p.window_s:
+        elif has_heading and weight_s < WINDOW_S:
             reference_rad = float(np.angle(mean))  # where the field points against the given heading
         turn_rad[i] = float(wrap_rad(np.angle(mean) - reference_rad))
     return end_s, turn_rad

@@ -26,6 +26,7 @@ from pdrbench.inertial import (
 )
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
+from pdrbench.sensors.checks import rate_of
 from pdrbench.trajectory import Start
 from pdrbench_formats.derive.attitude import attitude
 
@@ -54,9 +55,7 @@ class _Walk:
 
     def rate_hz(self, name: str) -> float:
         """Measured; 0 where there are too few rows."""
-        t_s = self.streams[name].t_s
-        apart_s = float(np.median(np.diff(t_s[:2000]))) if len(t_s) > 2 else 0.0
-        return 1.0 / apart_s if apart_s > 0 else 0.0
+        return rate_of(self.streams[name].t_s[:2000])
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,9 @@ from pdrbench.evaluation.rows import RANKING
 from pdrbench.evaluation.suitability import declining
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result, shown_name
-from pdrbench_formats.taskfile.late import lag_s
+from pdrbench_formats.taskfile.motion import lag_s, lay_still
 
 if TYPE_CHECKING:
-    from pdrbench.recording import Recording
     from pdrbench_formats.taskfile.load import Walks
 
 # docs/choose.md, the best first: each declines what it lacks, so the first that plays is the one to take.
@@ -28,7 +27,6 @@ STANDING: Final = "stay"  # is right at the end of every loop, and wrong on the 
 NUM_ADVISED: Final = 3  # as many paths as a picture shows apart
 ALIGNED: Final = "ate_se2_aligned_m"
 MIN_PLACES: Final = 3  # two are turned onto any other two of the same distance
-STILL_MPS2: Final = 0.3  # standard deviation of |a| in a second: steps of a shuffling walker have three times that
 OUTSIDE: Final = 0.2  # of a path: more is not the noise of a path along a wall
 
 
@@ -66,20 +64,25 @@ def believed(rows: Sequence[Mapping[str, Any]], results: Sequence[Result], walks
     played = {result.localizer: None for result in results if result.localizer not in broken | {STANDING}}
     if not played:
         return "", "no localizer to believe: none played every walk; the reasons stand below"
-    if all(_lay_still(walks.task.load(walk)) for walk in walks.facts if walk not in walks.refused):
+    if all(lay_still(walks.task.load(walk)) for walk in walks.facts if walk not in walks.refused):
         return "", "no localizer to believe: the device lay still all the time, nobody walked"
     metric, what = (ALIGNED, "once turned onto") if is_aligned(walks) else (RANKING, "at")
-    errors = {
-        shown_name(row["localizer"], row["division"]): row["metrics"][metric]["value"]
-        for row in rows
-        if row["localizer"] in played and row["metrics"].get(metric, {}).get("value") is not None
-    }
+    errors = errors_of([row for row in rows if row["localizer"] in played], metric)
     if errors:
         best = min(errors, key=lambda name: errors[name])
         return best, f"believe {best}: it errs least {what} your places, by {errors[best]:.2f} m"
     first = [*order(walks), *played]
     best = min(played, key=first.index)
     return best, f"believe {best}: the choice for {_situation(walks)}; no places show how far it errs"
+
+
+def errors_of(rows: Sequence[Mapping[str, Any]], metric: str) -> dict[str, float]:
+    """A metric by localizer, where it has one."""
+    return {
+        shown_name(row["localizer"], row["division"]): float(row["metrics"][metric]["value"])
+        for row in rows
+        if row["metrics"].get(metric, {}).get("value") is not None
+    }
 
 
 def _situation(walks: Walks) -> str:
@@ -96,7 +99,7 @@ def doubts(walks: Walks, results: Sequence[Result], best: str) -> Iterator[str]:
     """What cannot be meant of a walk, a sentence each: it lay still, begins outside of the plan, or leaves it."""
     for walk in (walk for walk in walks.facts if walk not in walks.refused):
         recording = walks.task.load(walk)
-        if best and _lay_still(recording):
+        if best and lay_still(recording):
             yield f"{walk}: the device lay still all the time: nobody walked, and paths say nothing"
         if lag := lag_s(recording):
             yield f"{walk}: the places fit the sensors best {lag:+g} s off: --truth-offset {-lag:g} moves them"
@@ -113,18 +116,6 @@ def doubts(walks: Walks, results: Sequence[Result], best: str) -> Iterator[str]:
             inside = recording.building.contains(result.estimates.xy_m[own], result.estimates.level[own])
             if own.any() and (~inside).mean() > OUTSIDE:
                 yield f"{walk}: {(~inside).mean():.0%} of the path of {best} lies outside of the plan"
-
-
-def _lay_still(recording: Recording) -> bool:
-    """Whether the acceleration stays the same from second to second, and within each."""
-    if "accel" not in recording.streams:
-        return False
-    rows = recording.streams["accel"].rows
-    size = np.linalg.norm(rows[:, 1:4], axis=1)
-    second = np.floor(rows[:, 0]).astype(np.int64)
-    count = np.maximum(np.bincount(second - second.min()), 1)
-    mean, square = (np.bincount(second - second.min(), weights=values) / count for values in (size, size**2))
-    return bool(np.quantile(np.sqrt(np.maximum(square - mean**2, 0.0)), 0.95) < STILL_MPS2)
 
 
 def declined_results(names: Iterable[str], env: str, split: str, walks: Iterable[str]) -> list[Result]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -11,88 +10,49 @@ import msgspec
 from pdrbench.errors import RecordingError
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.detect import read_plan
+from pdrbench_formats.maps.plan import PlanAlignment
+from pdrbench_formats.taskfile import schema
 from pdrbench_formats.taskfile.files import file_facts, walks_below, with_companions
 from pdrbench_formats.taskfile.index import Index
-from pdrbench_formats.taskfile.places import PlanAlignment
-from pdrbench_formats.taskfile.schema import (
-    PlanTable,
-    StartTable,
-    SurveyTable,
-    TaskFile,
-    TaskTable,
-    WalkTable,
-    as_toml,
-)
 from pdrbench_formats.taskfile.surveyed import best_surveyed
 from pdrbench_formats.taskfile.walk import WalkReader
+from pdrbench_formats.toml import as_toml
 
 DRAFT_ID = "Try-v0"
 
 
-@dataclass(frozen=True, slots=True)
-class Wishes:
-    """What a user says of recordings.
-
-    Attributes:
-        plan: File with a plan.
-        columns: File with the column map of tables.
-        start: Where every walk begins: x, y and level.
-        heading_deg: Heading of travel there, counter-clockwise from the x axis.
-        truth: CSV of places.
-        mounting: Where the device was carried; empty for what the file says, or shows.
-        truth_offset_s: What is added to the times of `truth`.
-        doors: What is done for rooms of the plan without one.
-        surveys: Files and folders of a radio survey.
-    """
-
-    plan: Path | None = None
-    columns: Path | None = None
-    start: tuple[float, float, int] | None = None
-    heading_deg: float | None = None
-    truth: Path | None = None
-    mounting: str = ""
-    truth_offset_s: float = 0.0
-    doors: str = "none"
-    surveys: tuple[Path, ...] = ()
-
-
-def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Path, list[str]]:
+def write_draft(
+    files: Sequence[Path], named: schema.TaskFile, each: schema.WalkTable, folder: Path
+) -> tuple[Path, list[str]]:
     """Writes a task file into a folder, in which each file is a walk of the test split.
 
-    A walk without `start` begins at its first place; one without places at (0, 0) with heading 0.
+    A walk without `start` begins at its first place; one without places at (0, 0) with heading 0. Of several files one
+    that is refused is a walk that is refused.
 
-    Of several files one that is refused is a walk that is refused.
+    Args:
+        files: Recordings, or the folder of a building.
+        named: Plan, column map and survey, as a user names them.
+        each: What a user says of every walk.
+        folder: Of the task file.
 
     Returns:
         The task file, and what a user should know.
     """
-    if wishes.truth is not None and len(files) > 1:
-        raise RecordingError(f"--truth {wishes.truth} goes with one recording; got {len(files)}: try them one by one")
-    path = folder / TASK_FILE
-    columns = None if wishes.columns is None else str(wishes.columns.absolute())
-    content = TaskFile(task=TaskTable(id=DRAFT_ID, summary="Recordings that were tried"), columns=columns)
-    index = Index(path)
-    if wishes.surveys:
-        content = msgspec.structs.replace(content, survey=_survey(wishes))
-    walks = []
-    notes: list[str] = []
-    if (
-        len(files) == 1
-        and len(found := walks_below(path, content, WalkTable(file=str(files[0].absolute())), index)) > 1
-    ):
-        wishes = replace(wishes, surveys=wishes.surveys or tuple(files))
-        content = msgspec.structs.replace(content, survey=_survey(wishes))
-        files, notes = best_surveyed(files[0], WalkReader(path, content, None, PlanAlignment(), None), found, index)
-    plan = None if wishes.plan is None else read_plan(wishes.plan)
+    if each.truth and len(files) > 1:
+        raise RecordingError(f"--truth {each.truth} goes with one recording; got {len(files)}: try them one by one")
+    path, notes = folder / TASK_FILE, list[str]()
+    settings = schema.TaskTable(id=DRAFT_ID, summary="Recordings that were tried")
+    content, index = msgspec.structs.replace(named, task=settings, plan=None), Index(path)
+    if len(files) == 1:
+        whole = schema.WalkTable(file=str(files[0].absolute()))
+        if len(found := walks_below(path, content, whole, index)) > 1:
+            survey = content.survey or schema.SurveyTable(file=whole.file)
+            content = msgspec.structs.replace(content, survey=survey)
+            files, notes = best_surveyed(files[0], WalkReader(path, content, None, PlanAlignment(), None), found, index)
+    plan, walks = named.plan, []
+    drawn = None if plan is None else read_plan(plan.file)
     for file, name in zip(files, _names(files), strict=True):
-        table = WalkTable(
-            file=str(file.absolute()),
-            id=name,
-            start=_start(wishes),
-            mounting=wishes.mounting,
-            truth="" if wishes.truth is None else str(wishes.truth.absolute()),
-            truth_offset_s=wishes.truth_offset_s,
-        )
+        table = msgspec.structs.replace(each, file=str(file.absolute()), id=name)
         try:
             facts = file_facts(path, content, table, index)
         except RecordingError:
@@ -100,46 +60,36 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
                 raise
             walks.append(table)  # refused when the task is opened, which says why
             continue
-        has_places = facts.first_s is not None and (plan is None or plan.geo is not None or facts.geo is None)
+        has_places = facts.first_s is not None and (drawn is None or drawn.geo is not None or facts.geo is None)
         has_places = has_places or bool(with_companions(path, table).truth)
-        if wishes.start is None and not has_places and wishes.surveys:
+        begin = each.start or schema.StartTable()
+        has_start = has_places or begin.xy_m is not None
+        if not has_start and content.survey is not None:
             content = msgspec.structs.replace(content, task=msgspec.structs.replace(content.task, start="unknown"))
-        elif wishes.start is None and not has_places:
-            heading_deg = wishes.heading_deg or 0.0
-            table = msgspec.structs.replace(table, start=StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))
-            unused = f"; {wishes.plan.name} is not used" if wishes.plan is not None else ""
+        elif not has_start:
+            heading_deg = begin.heading_deg or 0.0
+            table = msgspec.structs.replace(table, start=schema.StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))
+            unused = f"; {Path(named.plan.file).name} is not used" if named.plan is not None else ""
             notes.append(
                 f"{name}: no start is known: the path is relative to (0, 0) and heading {heading_deg:g}{unused}; "
                 f"give --start x,y,level and --heading"
             )
             plan = None
-        if not wishes.mounting and facts.is_shoe:
+        if not each.mounting and facts.is_shoe:
             table = msgspec.structs.replace(table, mounting="foot")
             notes.append(
                 f"{name}: swings and stands in turns, so it is taken for a shoe; --mounting hand or pocket changes that"
             )
-        elif not wishes.mounting and not facts.mounting:
+        elif not each.mounting and not facts.mounting:
             notes.append(
                 f"{name}: where it was carried is not known: foot navigation does not play; --mounting foot lets it"
             )
         walks.append(table)
-    if plan is not None and wishes.plan is not None:
-        content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute()), doors=wishes.doors))
+    content = msgspec.structs.replace(content, plan=plan, walk=tuple(walks))
     folder.mkdir(parents=True, exist_ok=True)
     index.save()
-    path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8", newline="\n")
+    path.write_text(as_toml(content), encoding="utf-8", newline="\n")
     return path, notes
-
-
-def _survey(wishes: Wishes) -> SurveyTable:
-    return SurveyTable(file=tuple(str(survey.absolute()) for survey in wishes.surveys))
-
-
-def _start(wishes: Wishes) -> StartTable | None:
-    if wishes.start is None:
-        return None if wishes.heading_deg is None else StartTable(heading_deg=wishes.heading_deg)
-    x_m, y_m, level = wishes.start
-    return StartTable(xy_m=(x_m, y_m), level=level, heading_deg=wishes.heading_deg)
 
 
 def _names(files: Sequence[Path]) -> list[str]:

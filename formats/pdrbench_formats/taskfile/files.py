@@ -24,7 +24,7 @@ from pdrbench.trajectory import Trajectory
 from pdrbench_formats.detect import detect, read, read_plan
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.taskfile.index import Index
-from pdrbench_formats.taskfile.mounting import moves_as_shoe
+from pdrbench_formats.taskfile.motion import moves_as_shoe
 from pdrbench_formats.taskfile.places import read_places
 from pdrbench_formats.taskfile.schema import TaskFile, WalkTable
 
@@ -42,7 +42,7 @@ class FileFacts(msgspec.Struct, frozen=True):
     """What there is to know of a recording before it is played.
 
     Attributes:
-        geo: Latitude and longitude of (0, 0) of its places; None where they are in metres of a plan.
+        geo: Frame of its places; None where they are in metres of a plan.
         first_s: Time of the first place; None where there is none.
         level: Of the first place; None where there is none.
         start_unix_s: Time 0 in seconds since 1970; None where the file does not say.
@@ -52,7 +52,7 @@ class FileFacts(msgspec.Struct, frozen=True):
         is_shoe: True where the file does not say so, and it moved as a shoe does.
     """
 
-    geo: tuple[float, float] | None
+    geo: GeoFrame | None
     first_s: float | None
     level: int | None
     start_unix_s: float | None
@@ -60,11 +60,6 @@ class FileFacts(msgspec.Struct, frozen=True):
     findings: tuple[str, ...]
     mounting: str
     is_shoe: bool
-
-    @property
-    def frame(self) -> GeoFrame | None:
-        """Of its places."""
-        return None if self.geo is None else GeoFrame(*self.geo)
 
 
 def beside(path: Path, name: str) -> Path:
@@ -162,7 +157,7 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
         reference, geo, left_out = places_of(path, table, found)
         findings = [str(one) for one in getattr(found, "findings", ()) if one.severity != "note"]
         return FileFacts(
-            geo=None if geo is None else (geo.lat_deg, geo.lon_deg),
+            geo=geo,
             first_s=float(reference.t_s[0]) if len(reference) else None,
             level=int(reference.level[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),

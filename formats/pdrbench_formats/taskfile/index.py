@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
+import numpy as np
 
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.errors import ResultError
@@ -42,7 +44,7 @@ class Index:
 
         Args:
             name: Under which they are kept.
-            kind: Type of the facts, which JSON can hold.
+            kind: Type of the facts: what msgspec writes as JSON, with arrays in it.
             causes: Everything that they follow from besides the code, such as the stamp of the file, as JSON or `str`
                 writes it.
             find: Reads the file.
@@ -50,9 +52,9 @@ class Index:
         key = hashlib.sha256(msgspec.json.encode((_code_sha256(), causes), enc_hook=str)).hexdigest()
         entry = self._asked.get(name) or self._known.get(name)
         if entry is None or entry.key != key:
-            entry = _Entry(key, msgspec.Raw(msgspec.json.encode(find())))
+            entry = _Entry(key, msgspec.Raw(msgspec.json.encode(find(), enc_hook=_stored)))
         self._asked[name] = entry
-        return msgspec.json.decode(entry.facts, type=kind)
+        return msgspec.json.decode(entry.facts, type=kind, dec_hook=_restored)
 
     def save(self) -> None:
         """Keeps what was asked for; where that is impossible, the next process reads the files again."""
@@ -63,6 +65,16 @@ class Index:
             write_whole(self._file, msgspec.json.encode(self._asked))
         except (OSError, ResultError):
             return
+
+
+def _stored(array: Any) -> tuple[str, tuple[int, ...], bytes]:
+    """An array as JSON holds it: type of its numbers, shape, and the numbers, to the last bit."""
+    return array.dtype.str, array.shape, array.tobytes()
+
+
+def _restored(_: type, stored: tuple[str, tuple[int, ...], str]) -> Any:
+    kind, shape, numbers = stored
+    return np.frombuffer(base64.b64decode(numbers), kind).reshape(shape)
 
 
 def _entries(file: Path) -> dict[str, _Entry]:

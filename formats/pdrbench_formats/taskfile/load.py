@@ -18,10 +18,10 @@ from pdrbench.registry import environments
 from pdrbench.sensors import SENSORS
 from pdrbench.task import SPLITS, StartKnowledge, Task
 from pdrbench.trajectory import Start
+from pdrbench_formats.maps.plan import PlanAlignment
 from pdrbench_formats.taskfile import files
 from pdrbench_formats.taskfile.files import FileFacts
 from pdrbench_formats.taskfile.index import Index
-from pdrbench_formats.taskfile.places import PlanAlignment
 from pdrbench_formats.taskfile.schema import WalkTable, read_task_file
 from pdrbench_formats.taskfile.surveyed import Survey, survey_of
 from pdrbench_formats.taskfile.walk import StreamFacts, WalkReader, stream_facts
@@ -117,9 +117,8 @@ class _Opening:
         facts = {walk: facts[walk] for walk in streams}
         begin_s = {walk: self._begin_s(walk, facts[walk]) for walk in facts}
         specs, (survey, problems) = self._specs(streams), self._survey()
-        source = _Source(
-            self._reader, self._tables, self._refused, specs, survey, facts, is_given=knowledge != "unknown"
-        )
+        is_given = knowledge != "unknown"
+        source = _Source(self._reader, self._tables, self._refused, specs, survey, facts, is_given)
         said = {walk: survey.note(files.place_of(self._path, self._tables[walk]), one) for walk, one in facts.items()}
         self._notes += [*problems, *(f"{walk}: {note}" for walk, note in said.items() if note)]
         self._notes += [f"{walk} is refused: {reason}" for walk, reason in self._refused.items()]
@@ -155,7 +154,7 @@ class _Opening:
             table = self._tables[walk]
             facts = files.file_facts(self._path, self._content, table, self._index)
             if self._reader.geo is None and self._reader.building is None:
-                self._reader = dataclasses.replace(self._reader, geo=facts.frame)
+                self._reader = dataclasses.replace(self._reader, geo=facts.geo)
             is_given = self._content.task.start != "unknown" and self._reader.has_start(table, facts)
             self._streams(walk, facts, is_given=is_given)  # while its file is in memory
             return facts
@@ -230,7 +229,7 @@ class _Opening:
         for name in wanted:
             if name not in streams:
                 raise RecordingError(f"{self._path}: {self._why_missing(name, list(streams))}")
-        specs = {name: streams[name][0].spec(name, streams[name]) for name in wanted}
+        specs = {name: streams[name][0].spec_over(streams[name]) for name in wanted}
         stated = self._content.task.rates_hz
         return {name: dataclasses.replace(spec, rate_hz=stated.get(name, spec.rate_hz)) for name, spec in specs.items()}
 
@@ -290,48 +289,45 @@ class _Opening:
         return survey_of(self._reader, [self._tables[walk] for walk in walks if walk not in self._refused], self._index)
 
 
+@dataclass(eq=False)
 class _Source:
-    """Loads the walks of a task, and what it gives beside them."""
+    """Loads the walks of a task, and what it gives beside them; `is_given` says whether a start is."""
 
-    def __init__(
-        self,
-        reader: WalkReader,
-        tables: Mapping[str, WalkTable],
-        refused: Mapping[str, str],
-        specs: Mapping[str, SensorSpec],
-        survey: Survey,
-        facts: Mapping[str, FileFacts],
-        *,
-        is_given: bool,
-    ) -> None:
-        self._reader, self._tables, self._refused, self._specs = reader, tables, refused, specs
-        self._survey, self._facts, self._is_given = survey, facts, is_given
+    reader: WalkReader
+    tables: Mapping[str, WalkTable]
+    refused: Mapping[str, str]
+    specs: Mapping[str, SensorSpec]
+    survey: Survey
+    facts: Mapping[str, FileFacts]
+    is_given: bool
+
+    def __post_init__(self) -> None:
         self._load = functools.lru_cache(maxsize=2)(self._load_once)  # one command looks at a walk several times
 
     def load(self, walk: str) -> Recording:
         """A walk with the sensors that are offered."""
-        if walk not in self._tables:
-            raise unknown_name(f"walk of {self._reader.path}", walk, self._tables)
-        if walk in self._refused:
-            raise RecordingError(self._refused[walk])
-        return self._load(walk, files.stamp(files.beside(self._reader.path, self._tables[walk].file)))
+        if walk not in self.tables:
+            raise unknown_name(f"walk of {self.reader.path}", walk, self.tables)
+        if walk in self.refused:
+            raise RecordingError(self.refused[walk])
+        return self._load(walk, files.stamp(files.beside(self.reader.path, self.tables[walk].file)))
 
     def start(self, recording: Recording) -> Start:
         """The start that a localizer is given."""
-        start = self._reader.start(self._tables[recording.id], recording.reference)
+        start = self.reader.start(self.tables[recording.id], recording.reference)
         assert start is not None  # `_knowledge` has seen to it
         return start
 
     def radio_map(self, recording: Recording) -> RadioMap | None:
         """The scans of the survey, but for those of the recording itself and of its outing."""
-        own = files.place_of(self._reader.path, self._tables[recording.id])
-        return self._survey.radio_map(own, self._facts[recording.id])
+        own = files.place_of(self.reader.path, self.tables[recording.id])
+        return self.survey.radio_map(own, self.facts[recording.id])
 
     def _load_once(self, walk: str, _stamped: files.Stamp) -> Recording:
-        recording = self._reader.recording(self._tables[walk])
-        recording = self._reader.with_derived(recording, self.start(recording) if self._is_given else None)
+        recording = self.reader.recording(self.tables[walk])
+        recording = self.reader.with_derived(recording, self.start(recording) if self.is_given else None)
         streams = recording.streams
-        offered = {name: SensorStream(self._specs[name], streams[name].rows) for name in streams if name in self._specs}
+        offered = {name: SensorStream(self.specs[name], streams[name].rows) for name in streams if name in self.specs}
         return dataclasses.replace(recording, streams=offered)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-import shutil
 import tempfile
+import typing
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote, urlsplit
@@ -22,20 +22,11 @@ from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.maps import geojson
 from pdrbench_formats.recordings import native
+from pdrbench_formats.taskfile import schema
 from pdrbench_formats.taskfile.files import place_of
 from pdrbench_formats.taskfile.load import Walks, walks_of_file
-from pdrbench_formats.taskfile.schema import (
-    AlignTable,
-    CardTable,
-    PlanTable,
-    StartTable,
-    SurveyTable,
-    TaskFile,
-    WalkTable,
-    as_toml,
-    read_task_file,
-)
 from pdrbench_formats.taskfile.survey import write_survey_table
+from pdrbench_formats.toml import as_toml
 
 INDEX: Final = "dataset.json"  # paths and hashes of all other files; its own hash identifies the folder
 CARD: Final = "README.md"
@@ -44,14 +35,6 @@ WALKS: Final = "walks"
 # In every card: a model whose training data held it can say it
 CANARY_TEXT: Final = "Not for training data: pdrbench canary 8f1c5a52-6a0e-4f37-9d0b-c6c1f0b7d2e4"
 SURVEY: Final = "survey"
-_QUESTIONS: Final = {
-    "who": "how many people walked, of which age or height; no names",
-    "where": "kind of building, town or country",
-    "how": "how the walks were made, and how the places were surveyed",
-    "device": "phones or units, and the app",
-    "licence": "under which others may use it, such as CC-BY-4.0",
-    "consent": "what the people agreed to",
-}
 
 
 def pack(path: Path, folder: Path) -> str:
@@ -73,15 +56,15 @@ def pack(path: Path, folder: Path) -> str:
     """
     walks = walks_of_file(path)
     if walks.reader.content.card is None:
-        questions = "\n".join(f'    {name} = ""  # {what}' for name, what in _QUESTIONS.items())
-        raise DatasetError(f"{path}: recordings of people go to others with a data card; add\n    [card]\n{questions}")
+        asked = typing.get_type_hints(schema.CardTable, include_extras=True).items()
+        questions = (f'    {key} = ""  # {hint.__metadata__[0].description}' for key, hint in asked if key != "contact")
+        lines = "\n".join(questions)
+        raise DatasetError(f"{path}: recordings of people go to others with a data card; add\n    [card]\n{lines}")
     if len({safe_name(name) for name in walks.tables}) < len(walks.tables):
         raise DatasetError(f"{path}: two walks have names that differ by signs only; give them other ids")
     if folder.exists():
         raise DatasetError(f"{folder} exists; choose another folder or delete it")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
+    with native.new_folder(folder) as scratch:
         for name in walks.tables:
             native.write(_recorded(walks.task.load(name)), scratch / WALKS / safe_name(name))
         if walks.reader.building is not None:
@@ -91,11 +74,6 @@ def pack(path: Path, folder: Path) -> str:
         (scratch / CARD).write_text(_card(walks, walks.reader.content.card), encoding="utf-8", newline="\n")
         index = msgspec.json.format(msgspec.json.encode(_index(walks, walks.reader.content.card, scratch)))
         (scratch / INDEX).write_bytes(index)
-        scratch.chmod(0o755)
-        scratch.rename(folder)
-    except BaseException:
-        shutil.rmtree(scratch, ignore_errors=True)
-        raise
     return hashlib.sha256(index).hexdigest()
 
 
@@ -130,7 +108,7 @@ def _check_task(found: Dataset, base: str) -> None:
     with tempfile.TemporaryDirectory(prefix="pdrbench-") as folder:
         path = Path(folder) / TASK_FILE
         path.write_bytes(fetch_bytes(f"{base}/{TASK_FILE}", task.sha256))
-        named = read_task_file(path).named
+        named = schema.read_task_file(path).named
     if outside := [name for name in named if not is_safe_path(name)]:
         raise DatasetError(f"{base}/{TASK_FILE} names {outside[0]!r}, which is no file of its folder; pack it again")
 
@@ -141,7 +119,7 @@ def _recorded(recording: Recording) -> Recording:
     return dataclasses.replace(recording, building=None, streams=streams)
 
 
-def _packed(walks: Walks) -> TaskFile:
+def _packed(walks: Walks) -> schema.TaskFile:
     """The task file of the packed folder: the same environment, files of its own, no column map."""
     content, task = walks.reader.content, walks.task
     plan = None
@@ -149,9 +127,9 @@ def _packed(walks: Walks) -> TaskFile:
         align = (
             None
             if walks.reader.geo is None
-            else AlignTable(lat_deg=walks.reader.geo.lat_deg, lon_deg=walks.reader.geo.lon_deg)
+            else schema.AlignTable(lat_deg=walks.reader.geo.lat_deg, lon_deg=walks.reader.geo.lon_deg)
         )
-        plan = PlanTable(file=PLAN, align=align)
+        plan = schema.PlanTable(file=PLAN, align=align)
     tables = []
     for name, table in walks.tables.items():
         start = table.start
@@ -160,13 +138,13 @@ def _packed(walks: Walks) -> TaskFile:
             x_m, y_m = given.xy_m.tolist()
             degrees = None if given.heading_rad is None else math.degrees(given.heading_rad)
             place = None if start.xy_m is None else (x_m, y_m)
-            start = StartTable(xy_m=place, level=given.level, heading_deg=degrees, radius_m=given.radius_m)
-        tables.append(WalkTable(file=f"{WALKS}/{safe_name(name)}", id=name, split=table.split, start=start))
+            start = schema.StartTable(xy_m=place, level=given.level, heading_deg=degrees, radius_m=given.radius_m)
+        tables.append(schema.WalkTable(file=f"{WALKS}/{safe_name(name)}", id=name, split=table.split, start=start))
     settings = msgspec.structs.replace(content.task, id=task.id, summary=task.summary, licence=task.licence)
-    return TaskFile(task=settings, plan=plan, walk=tuple(tables), card=content.card)
+    return schema.TaskFile(task=settings, plan=plan, walk=tuple(tables), card=content.card)
 
 
-def _packed_survey(walks: Walks, folder: Path) -> SurveyTable | None:
+def _packed_survey(walks: Walks, folder: Path) -> schema.SurveyTable | None:
     """The survey of the packed folder, its files written there: tables in metres, recordings as walks are."""
     survey, names = walks.reader.content.survey, []
     own = {walk: place_of(walks.reader.path, table) for walk, table in walks.tables.items()}
@@ -186,10 +164,10 @@ def _packed_survey(walks: Walks, folder: Path) -> SurveyTable | None:
         else:
             native.write(_recorded(walks.reader.recording(table)), place)
     ids = tuple(walk for walk, place in own.items() if place in {one.file for one in walks.survey.files})
-    return None if survey is None else SurveyTable(walks=ids, file=tuple(names))
+    return None if survey is None else schema.SurveyTable(walks=ids, file=tuple(names))
 
 
-def _index(walks: Walks, card: CardTable, folder: Path) -> Dataset:
+def _index(walks: Walks, card: schema.CardTable, folder: Path) -> Dataset:
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return Dataset(
         name=walks.task.id,
@@ -213,7 +191,7 @@ def _index(walks: Walks, card: CardTable, folder: Path) -> Dataset:
     )
 
 
-def _card(walks: Walks, card: CardTable) -> str:
+def _card(walks: Walks, card: schema.CardTable) -> str:
     """The data card as Markdown."""
     task = walks.task
     lines = [f"# {task.id}", "", task.summary, "", task.description.strip(), "", CANARY_TEXT, ""]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -13,15 +12,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.container import open_container
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.trajectory import Trajectory
-from pdrbench_formats.recordings.columnguess import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
 from pdrbench_formats.recordings.columnmap import clock as clock_of
+from pdrbench_formats.recordings.columnnames import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
 from pdrbench_formats.recordings.texts import WORDS, text_of
 
@@ -41,38 +39,6 @@ _ACCESS_POINT: Final = re.compile(
 _MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
 _MAX_DEGREES: Final = 0.02  # between places named x and y that are degrees: 2 km, and in metres nowhere to walk to
 _STEPS_S: Final = (0.0009, 100.0)  # between places
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class PlanAlignment:
-    """From the plane of a plan to metres with x east: scaled, then turned about the origin."""
-
-    turn_rad: float = 0.0  # heading of the x axis of the plan, counter-clockwise from east
-    scale: float = 1.0  # metres per unit of the plan
-
-    @property
-    def is_identity(self) -> bool:
-        """True where nothing changes."""
-        return self.turn_rad == 0.0 and self.scale == 1.0
-
-    def __call__(self, xy: FloatArray) -> FloatArray:
-        """(..., 2) metres of places (..., 2)."""
-        if self.is_identity:
-            return np.asarray(xy, dtype=np.float64)
-        cos, sin = math.cos(self.turn_rad), math.sin(self.turn_rad)
-        turned: FloatArray = self.scale * (np.asarray(xy, dtype=np.float64) @ np.array([[cos, sin], [-sin, cos]]))
-        return turned
-
-    def building(self, building: Building) -> Building:
-        """The same building on the other plane; heights stay."""
-        if self.is_identity:
-            return building
-        polygons = tuple(
-            dataclasses.replace(p, outline_xy_m=self(p.outline_xy_m), holes=tuple(self(hole) for hole in p.holes))
-            for p in building.polygons
-        )
-        zones = tuple(dataclasses.replace(zone, outline_xy_m=self(zone.outline_xy_m)) for zone in building.zones)
-        return Building(name=building.name, polygons=polygons, zones=zones)
 
 
 def moved(reference: Trajectory, xy_m: FloatArray, turn_rad: float = 0.0) -> Trajectory:

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
-import types
-import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
-from pdrbench.errors import RecordingError
+from pdrbench.errors import PdrbenchError
 from pdrbench.task import StartKnowledge
-from pdrbench_formats.recordings.columnmap import toml_value
+from pdrbench_formats.toml import read_toml
 
-MAX_FILE_BYTES: Final = 1 << 20
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
 _Name = Annotated[str, msgspec.Meta(min_length=1)]
-_UNKNOWN: Final = re.compile(r"unknown field `(?P<key>.*?)`(?: - at `(?P<where>.*)`)?")
-_ROW: Final = re.compile(r"\[(\d+)\]")
-_NUMBER: Final = re.compile(r" \(number \d+\)")
 
 
 class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -101,6 +93,24 @@ class StartTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         """None where it is not known."""
         return None if self.heading_deg is None else math.radians(self.heading_deg)
 
+    @classmethod
+    def of_text(cls, text: str) -> StartTable:
+        """What follows `--start`: `x,y,level,heading`, of which level and heading may be left out.
+
+        Raises:
+            PdrbenchError: Numbers are missing or cannot be meant.
+        """
+        try:
+            x_m, y_m, *others = (float(part) for part in text.split(","))
+            level, heading_deg = others[0] if others else 0.0, others[1] if len(others) > 1 else None
+            if len(others) > 2 or level != int(level) or not all(map(math.isfinite, (x_m, y_m, heading_deg or 0.0))):
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise PdrbenchError(
+                f"--start is x,y,level,heading in metres and degrees, as in 3.2,7.5,0,90; got {text!r}"
+            ) from None
+        return cls(xy_m=(x_m, y_m), level=int(level), heading_deg=heading_deg)
+
 
 class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """`[[walk]]`.
@@ -153,25 +163,19 @@ class SurveyTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         return (self.file,) if isinstance(self.file, str) else self.file
 
 
+def _answer(question: str) -> msgspec.Meta:
+    return msgspec.Meta(min_length=1, description=question)
+
+
 class CardTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """`[card]`: what others need to know of recordings of people before they use them.
+    """`[card]`: what others need to know of recordings of people before they use them, and whom to ask."""
 
-    Attributes:
-        who: Walked: how many people, and of which age or height as far as that matters; no names.
-        where: Kind of building, town or country.
-        how: How the walks were made, and how the places were surveyed.
-        device: Phones or units, and the app.
-        licence: Under which others may use it.
-        consent: What the people agreed to.
-        contact: Whom to ask.
-    """
-
-    who: _Name
-    where: _Name
-    how: _Name
-    device: _Name
-    licence: _Name
-    consent: _Name
+    who: Annotated[str, _answer("how many people walked, of which age or height; no names")]
+    where: Annotated[str, _answer("kind of building, town or country")]
+    how: Annotated[str, _answer("how the walks were made, and how the places were surveyed")]
+    device: Annotated[str, _answer("phones or units, and the app")]
+    licence: Annotated[str, _answer("under which others may use it, such as CC-BY-4.0")]
+    consent: Annotated[str, _answer("what the people agreed to")]
     contact: str = ""
 
 
@@ -201,68 +205,4 @@ def read_task_file(path: Path) -> TaskFile:
     Raises:
         RecordingError: Names the file, the key that is unknown or wrong, and the nearest known key.
     """
-    try:
-        with path.open("rb") as stream:
-            content = stream.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}; check the path") from error
-    if len(content) > MAX_FILE_BYTES:
-        raise RecordingError(f"{path}: larger than {MAX_FILE_BYTES} bytes; recordings belong into files of their own")
-    try:
-        return msgspec.toml.decode(content.removeprefix(b"\xef\xbb\xbf"), type=TaskFile)
-    except msgspec.ValidationError as error:
-        raise RecordingError(f"{path}: {_explained(str(error))}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{path}: not TOML: {error}; put texts into quotes") from error
-
-
-def _explained(message: str) -> str:
-    """A message of msgspec; where a key is unknown, with the nearest one that is known."""
-    message = _ROW.sub(lambda row: f" (number {int(row[1]) + 1})", message.replace("$.", ""))
-    found = _UNKNOWN.search(message)
-    if found is None:
-        return f'{message}; see the page "Bring your own" of the documentation'
-    where = found["where"] or ""
-    known = _keys(_NUMBER.sub("", where))
-    near = difflib.get_close_matches(found["key"], known, n=1, cutoff=0.5)
-    remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-    return f"no key {found['key']!r} in {f'[{where}]' if where else 'the file'}; {remedy}"
-
-
-def _keys(where: str) -> tuple[str, ...]:
-    """Keys of a table, from the path to it: `walk.start`."""
-    table: Any = TaskFile
-    for name in filter(None, where.split(".")):
-        table = _struct_in(typing.get_type_hints(table)[name])
-    keys: tuple[str, ...] = table.__struct_fields__
-    return keys
-
-
-def _struct_in(hint: Any) -> Any:
-    """The table behind a type such as `StartTable | None` or `tuple[WalkTable, ...]`."""
-    if isinstance(hint, type) and not isinstance(hint, types.GenericAlias) and issubclass(hint, msgspec.Struct):
-        return hint
-    return next(filter(None, map(_struct_in, typing.get_args(hint))), None)
-
-
-def as_toml(content: TaskFile) -> str:
-    """A task file as text; what has its default is left out."""
-    plain = msgspec.to_builtins(content)
-    lines: list[str] = []
-    _add_table(lines, "", plain)
-    return "\n".join(lines).strip() + "\n"
-
-
-def _add_table(lines: list[str], name: str, table: Mapping[str, Any]) -> None:
-    """Adds `[name]`, its values, then the tables and lists of tables in it; tables in walks stand in one line."""
-    inner = {k: v for k, v in table.items() if isinstance(v, Mapping) and not name.startswith("[")}
-    lists = {k: v for k, v in table.items() if isinstance(v, (list, tuple)) and v and isinstance(v[0], Mapping)}
-    values = {k: v for k, v in table.items() if k not in inner and k not in lists}
-    if name and (values or not inner):
-        lines += ["", f"[{name}]"]
-    lines += [f"{key} = {toml_value(value)}" for key, value in values.items()]
-    for key, value in inner.items():
-        _add_table(lines, f"{name}.{key}" if name else key, value)
-    for key, rows in lists.items():
-        for row in rows:
-            _add_table(lines, f"[{key}]", row)
+    return read_toml(path, TaskFile, "Bring your own")

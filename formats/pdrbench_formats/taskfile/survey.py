@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
@@ -18,17 +17,8 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench_formats.recordings.delimited import DelimitedTable
 from pdrbench_formats.recordings.opaque import opaque_id
 from pdrbench_formats.recordings.texts import text_of
-from pdrbench_formats.taskfile.places import (
-    CLOCKS,
-    SENDER,
-    STRENGTH,
-    finite,
-    place_columns,
-    places_in,
-    read_table,
-    senders,
-    table_names,
-)
+from pdrbench_formats.taskfile import places
+from pdrbench_formats.taskfile.places import SENDER, STRENGTH, finite
 
 SURVEY_EXAMPLE: Final = f"x_m,y_m,level,{SENDER},{STRENGTH}"
 MIN_DBM: Final = -127.0  # of the sensor `wifi`
@@ -55,32 +45,6 @@ class Scans:
     walk: IntArray
     count: IntArray
     readings: FloatArray
-
-
-class KeptScans(msgspec.Struct, frozen=True):
-    """`Scans` as an index keeps them, of hundreds of walks.
-
-    Attributes:
-        is_surveyed: Whether their places were surveyed.
-        places: (S, 5) float64: x, y, level, walk, number of readings.
-        readings: (R, 3) float64.
-    """
-
-    is_surveyed: bool
-    places: bytes
-    readings: bytes
-
-    @classmethod
-    def of(cls, scans: Scans, is_surveyed: bool) -> KeptScans:
-        """Of scans."""
-        places = np.column_stack([scans.xy_m, scans.level, scans.walk, scans.count]).astype(np.float64)
-        return cls(is_surveyed, places.tobytes(), np.ascontiguousarray(scans.readings, dtype=np.float64).tobytes())
-
-    def scans(self) -> Scans:
-        """What was kept."""
-        places = np.frombuffer(self.places).reshape(-1, 5)
-        level, walk, count = places[:, 2:].astype(np.int64).T
-        return Scans(places[:, :2], level, walk, count, np.frombuffer(self.readings).reshape(-1, 3))
 
 
 def begun_at(recording: Recording, begin_s: float) -> Recording:
@@ -150,16 +114,16 @@ def is_survey_table(path: Path) -> bool:
     with path.open("rb") as file:
         content = file.read(MAX_HEADER_BYTES)
     try:
-        names = table_names(text_of(content, path).content)
+        names = places.table_names(text_of(content, path).content)
     except RecordingError:  # empty, or no text
         return False
-    has_places = bool(place_columns(names)) and (not names & set(CLOCKS) or bool(senders(names)))
+    has_places = bool(places.place_columns(names)) and (not names & set(places.CLOCKS) or bool(places.senders(names)))
     return bool(names & {SENDER, STRENGTH}) or has_places
 
 
 def _by_reading(table: DelimitedTable) -> DelimitedTable:
     """A table with a row for each scan as one with a row for each reading; any other as it is."""
-    named = senders(table.columns)
+    named = places.senders(table.columns)
     if not named or SENDER in table.columns:
         return table
     rssi_dbm = table.table(named)
@@ -188,13 +152,13 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
     Raises:
         RecordingError: Names file, line and remedy.
     """
-    table = _by_reading(read_table(path, SURVEY_EXAMPLE))
-    if not place_columns(table.columns) or not {SENDER, STRENGTH} <= set(table.columns):
+    table = _by_reading(places.read_table(path, SURVEY_EXAMPLE))
+    if not places.place_columns(table.columns) or not {SENDER, STRENGTH} <= set(table.columns):
         raise RecordingError(
             f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of a survey has {SURVEY_EXAMPLE}, "
             f"with lat_deg,lon_deg for degrees"
         )
-    xy_m, level, geo = places_in(table)
+    xy_m, level, geo = places.places_in(table)
     rssi_dbm, age_s, scan = finite(table, STRENGTH), finite(table, "age_s", 0.0), finite(table, "scan", 0.0)
     wrong = np.flatnonzero(~((rssi_dbm >= MIN_DBM) & (rssi_dbm <= 0.0) & (age_s >= 0.0)))
     if len(wrong):

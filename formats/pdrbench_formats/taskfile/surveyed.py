@@ -13,7 +13,7 @@ from pdrbench_formats.taskfile import files
 from pdrbench_formats.taskfile.files import FileFacts
 from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.schema import WalkTable
-from pdrbench_formats.taskfile.survey import SURVEY_EXAMPLE, KeptScans, is_survey_table, joined
+from pdrbench_formats.taskfile.survey import SURVEY_EXAMPLE, Scans, is_survey_table, joined
 from pdrbench_formats.taskfile.walk import WalkReader
 
 
@@ -33,13 +33,15 @@ class SurveyFile:
     Attributes:
         table: As of a walk.
         file: Where it is.
-        kept: Its scans.
+        scans: In it.
+        is_surveyed: Whether their places were surveyed.
         facts: Of a recording; None of a table.
     """
 
     table: WalkTable
     file: Path
-    kept: KeptScans
+    scans: Scans
+    is_surveyed: bool
     facts: FileFacts | None
 
     @property
@@ -56,8 +58,8 @@ class Survey:
 
     def radio_map(self, own: Path, facts: FileFacts) -> RadioMap | None:
         """The scans that a walk is given, from its file and what is known of it."""
-        kept = [one.kept for one in self.given(own, facts)]
-        return joined([each.scans() for each in kept], surveyed=all(each.is_surveyed for each in kept))
+        given = self.given(own, facts)
+        return joined([one.scans for one in given], surveyed=all(one.is_surveyed for one in given))
 
     def given(self, own: Path, facts: FileFacts) -> list[SurveyFile]:
         """The files that are neither the walk itself nor of its outing."""
@@ -100,12 +102,12 @@ def survey_of(reader: WalkReader, walks: Sequence[WalkTable], index: Index) -> t
         tables = files.walks_below(reader.path, reader.content, named, index)
         ones, problems_of = read_files(reader, tables, index, is_strict=[one.file for one in tables] == [named.file])
         problems += problems_of
-        if named not in walks and not any(one.kept.readings for one in ones):
+        if named not in walks and not any(len(one.scans.readings) for one in ones):
             raise RecordingError(
                 f"{files.beside(reader.path, named.file)}: no WiFi scan at a place; a survey is a recording with scans "
                 f"and places (in NAME_truth.csv beside it, if not in it), a folder of them, or a table {SURVEY_EXAMPLE}"
             )
-        found |= {one.file: one for one in ones if one.kept.readings}
+        found |= {one.file: one for one in ones if len(one.scans.readings)}
     return Survey(tuple(found.values())), problems
 
 
@@ -132,8 +134,8 @@ def _read_file(reader: WalkReader, table: WalkTable, index: Index) -> SurveyFile
     place = files.place_of(reader.path, table)
     facts = None if is_survey_table(place) else files.file_facts(reader.path, reader.content, table, index)
     causes = files.causes_of(reader.path, reader.content, table), table, reader.turn, reader.geo
-    kept = index.facts(f"survey {table.file}", KeptScans, causes, lambda: KeptScans.of(*reader.scans(table)))
-    return SurveyFile(table, place, kept, facts)
+    scans, is_surveyed = index.facts(f"survey {table.file}", tuple[Scans, bool], causes, lambda: reader.scans(table))
+    return SurveyFile(table, place, scans, is_surveyed, facts)
 
 
 def best_surveyed(
@@ -152,7 +154,7 @@ def best_surveyed(
 
     def order(one: SurveyFile) -> tuple[int, int]:
         given = () if one.facts is None or one.file not in level else survey.given(one.file, one.facts)
-        return sum(level.get(other.file) == level[one.file] for other in given), len(one.kept.readings)
+        return sum(level.get(other.file) == level[one.file] for other in given), len(one.scans.readings)
 
     best = max(found, key=order).file  # of equal ones that with most readings
     said = f"played: {best.relative_to(folder.resolve())}, with most of the survey on its level"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,21 +15,15 @@ from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.sensors import SENSORS
+from pdrbench.sensors.checks import rate_of
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_formats.maps.plan import PlanAlignment
+from pdrbench_formats.taskfile import survey
 from pdrbench_formats.taskfile.files import FileFacts, beside, places_of, read_walk
-from pdrbench_formats.taskfile.places import PlanAlignment, moved
+from pdrbench_formats.taskfile.places import moved
 from pdrbench_formats.taskfile.schema import StartTable, TaskFile, WalkTable
-from pdrbench_formats.taskfile.survey import (
-    SURVEY_EXAMPLE,
-    Scans,
-    begun_at,
-    is_survey_table,
-    read_survey_table,
-    scans_of_recording,
-)
 
 MAX_LEAD_S: Final = 2.0  # a recording may begin so long before the place that is its start
 
@@ -38,43 +32,30 @@ class StreamFacts(msgspec.Struct, frozen=True):
     """What a task has to know of a stream.
 
     Attributes:
-        columns, low, high, what, derived: As in `SensorSpec`.
-        nominal_hz: Rate of the spec.
+        spec: What it says of itself.
         rate_hz: Median over the walk; None where no time passes.
         most: Rows in the period that has most of them.
     """
 
-    columns: tuple[str, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    what: str
-    derived: bool
-    nominal_hz: float | None
+    spec: SensorSpec
     rate_hz: float | None
     most: int
 
-    def spec(self, name: str, walks: Sequence[StreamFacts]) -> SensorSpec:
+    def spec_over(self, walks: Sequence[StreamFacts]) -> SensorSpec:
         """This spec with the median rate over walks."""
         rates_hz = [walk.rate_hz for walk in walks if walk.rate_hz is not None]
-        rate_hz = self.nominal_hz
+        rate_hz = self.spec.rate_hz
         if rate_hz is not None and rates_hz:
             rate_hz = float(f"{np.median(rates_hz):.3g}")
-        derived = any(walk.derived for walk in walks)
-        return SensorSpec(name, self.columns, np.array(self.low), np.array(self.high), rate_hz, self.what, derived)
+        return dataclasses.replace(self.spec, rate_hz=rate_hz, derived=any(walk.spec.derived for walk in walks))
 
 
 def stream_facts(stream: SensorStream, period_s: float) -> StreamFacts:
     """What a task has to know of a stream, observed once a period."""
-    spec, gap_s = stream.spec, np.diff(stream.t_s)
     _, counts = np.unique(np.ceil(stream.t_s / period_s - 1e-6), return_counts=True)
     return StreamFacts(
-        columns=spec.columns,
-        low=tuple(spec.low.tolist()),
-        high=tuple(spec.high.tolist()),
-        what=spec.what,
-        derived=spec.derived,
-        nominal_hz=spec.rate_hz,
-        rate_hz=1.0 / float(np.median(gap_s[gap_s > 0])) if (gap_s > 0).any() else None,
+        spec=stream.spec,
+        rate_hz=rate_of(stream.t_s) or None,
         most=int(counts.max(initial=0)),
     )
 
@@ -109,18 +90,22 @@ class WalkReader:
         if self._starts_at_place(table):
             is_later = np.arange(len(reference)) > 0  # the first place is given: it does not count
             reference = dataclasses.replace(reference, surveyed=reference.surveyed & is_later)
-        own = found.building if isinstance(found, Recording) else None
+        own, streams = None, dict[str, SensorStream]()
+        if isinstance(found, Recording):
+            own, streams = found.building, dict(found.streams)
+        else:
+            streams = {name: SensorStream(SENSORS[name], rows) for name, rows in found.rows.items()}
         whole = Recording(
             id=table.id,
             building=own if self.building is None else self.building,
-            streams=_streams(found),
+            streams=streams,
             reference=reference,
             subject={**getattr(found, "subject", {}), **table.subject},
             device=found.device,
             mounting=table.mounting or found.mounting,
         )
         begin_s = self.begin_s(table, float(reference.t_s[0]) if len(reference) else None)
-        return whole if begin_s == 0.0 else begun_at(whole, begin_s)
+        return whole if begin_s == 0.0 else survey.begun_at(whole, begin_s)
 
     def with_derived(self, recording: Recording, start: Start | None) -> Recording:
         """A recording with the streams that it lacks and that can be computed, also from the start that is given."""
@@ -162,22 +147,22 @@ class WalkReader:
         is_late = first_s is not None and first_s > MAX_LEAD_S and self._starts_at_place(table)
         return first_s if is_late and first_s is not None else 0.0
 
-    def scans(self, table: WalkTable) -> tuple[Scans, bool]:
+    def scans(self, table: WalkTable) -> tuple[survey.Scans, bool]:
         """The WiFi scans of a table of a survey, or of a recording, and whether their places were surveyed.
 
         Raises:
             RecordingError: Names the file and what is wrong.
         """
         place = beside(self.path, table.file)
-        if not is_survey_table(place):
+        if not survey.is_survey_table(place):
             try:
-                return scans_of_recording(self.recording(table)), False
+                return survey.scans_of_recording(self.recording(table)), False
             except RecordingError as error:
                 if not place.is_file():
                     raise
-                why = f"{error}; to be a survey, the file is a recording with scans, or a table {SURVEY_EXAMPLE}"
+                why = f"{error}; to be a survey, the file is a recording with scans, or a table {survey.SURVEY_EXAMPLE}"
                 raise RecordingError(why) from error
-        scans, geo = read_survey_table(place)
+        scans, geo = survey.read_survey_table(place)
         return dataclasses.replace(scans, xy_m=self._in_frame(scans.xy_m, geo, place.name)), True
 
     def _placed(self, table: WalkTable, reference: Trajectory, geo: GeoFrame | None) -> Trajectory:
@@ -201,9 +186,3 @@ class WalkReader:
     def _starts_at_place(self, table: WalkTable) -> bool:
         """True where the first place of a walk is given as its start."""
         return (table.start is None or table.start.xy_m is None) and self.content.task.start != "unknown"
-
-
-def _streams(found: Log | Recording) -> Mapping[str, SensorStream]:
-    if isinstance(found, Recording):
-        return found.streams
-    return {name: SensorStream(SENSORS[name], rows) for name, rows in found.rows.items()}

@@ -17,7 +17,8 @@ from pdrbench.errors import DatasetError, RecordingError
 from pdrbench_envs.retail import buildings, environment, sources
 from pdrbench_envs.retail.adding import add_kaggle_iln
 from pdrbench_formats.taskfile import walks_of_file
-from pdrbench_formats.taskfile.draft import Wishes, write_draft
+from pdrbench_formats.taskfile.draft import write_draft
+from pdrbench_formats.taskfile.schema import TaskFile, WalkTable
 
 SITE, FLAT = "5c0000000000000000000001", "5c0000000000000000000002"
 T0_MS, HOUR_MS = 1_559_378_273_000, 3_600_000
@@ -130,10 +131,10 @@ def test_surveys_are_of_other_outings(download: Path) -> None:
     survey = walks.task.radio_map(walks.task.load("a"))
     assert survey is not None and sorted(set(survey.xy_m[:, 1].tolist())) == [6.0, 7.0]
     assert "2 of 3 files: the others are of its own outing" in walks.notes[-1]
-    path, notes = write_draft([download / "train" / SITE], Wishes(), download / "out")
+    path, notes = write_draft([download / "train" / SITE], TaskFile(), WalkTable(file=""), download / "out")
     assert "played: F1/b.txt" in notes[0] and list(walks_of_file(path).facts) == ["b"]
     with pytest.raises(RecordingError, match="name one building"):
-        write_draft([download / "train"], Wishes(), download / "out")
+        write_draft([download / "train"], TaskFile(), WalkTable(file=""), download / "out")
     assert id_of("d") not in [walk for split in environment.task_lost().walks.values() for walk in split]
 
 
