@@ -14,12 +14,11 @@ from docstrings import docstring_markdown, first_sentence
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from pages import dataset_pages, fields_page, networks_page
+from pages import dataset_pages, fields_page, formats_page, networks_page
 from reference import environment_page, localizer_page, metrics_page
 
 from pdrbench.datasets import datasets
 from pdrbench.registry import PluginEntry, environments, localizers, make_task
-from pdrbench_formats.pages.formats import formats_page
 
 TOOLBOX: Final = ("filters", "inertial", "radio")
 ROOMS: Final = (  # whose `__all__` is what may be relied on

@@ -1,7 +1,8 @@
-"""Pages made of datasets, networks and records, which `docs/hooks.py` adds to the site."""
+"""Pages made of datasets, formats, networks and records, which `docs/hooks.py` adds to the site."""
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import re
 import tomllib
@@ -12,6 +13,8 @@ from typing import Any, Final
 from docstrings import docstring_markdown
 
 from pdrbench.datasets import Dataset, datasets
+from pdrbench.io import READERS
+from pdrbench_formats.recordings.apps import FOLDER, App, app_of
 
 Page = tuple[str, str]  # path in the site and content
 DOCS: Final = Path(__file__).resolve().parent
@@ -144,3 +147,58 @@ def _kind(annotation: Any) -> str:
     text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", repr(annotation))
     text = re.sub(r"^Annotated\[(.*), (?:msgspec\.)?Meta\(.*\)\]", r"\1", text)
     return text.replace(" | ", " or ")
+
+
+FACTS: Final = ("App", "Files", "Sensors", "Units", "Frame", "Clock", "Traps")
+_FACT: Final = re.compile(rf"^({'|'.join(FACTS)}): ", re.M)
+_APP_SENSORS: Final = ("accel", "gyro", "mag", "rotation", "place", "baro")
+
+
+def formats_page() -> str:
+    """Markdown: a section for each format whose reader states its facts, and a table of the others."""
+    sections, others = [], []
+    for name in READERS:
+        facts = format_facts(name)
+        title = (READERS[name].summary or " ".join(_docstring(name).partition("\n\n")[0].split())).rstrip(".")
+        if facts:
+            rows = [f"| {key} | {facts[key].replace('|', chr(92) + '|')} |" for key in FACTS[1:] if key in facts]
+            sections.append("\n".join([f"### {name}", "", f"{title}. {facts['App']}", "", "| | |", "|---|---|", *rows]))
+        else:
+            others.append(f"| `{name}` | {title.replace('|', chr(92) + '|')} |")
+    table = "\n".join(["### Other formats", "", "| name | what |", "|---|---|", *others])
+    return "\n\n".join([*sections, table]) + "\n"
+
+
+def format_facts(name: str) -> dict[str, str]:
+    """What the docstring of a reader's module, or the file of an app, says of a format, by the keys of `FACTS`."""
+    if (FOLDER / f"{name}.toml").is_file():
+        return _facts_of_app(app_of(FOLDER / f"{name}.toml"))
+    parts = _FACT.split(_docstring(name))[1:]
+    return {key: " ".join(text.split()) for key, text in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def _facts_of_app(app: App) -> dict[str, str]:
+    def listed(value: Any) -> list[str]:
+        return [value] if isinstance(value, str) else list(value)
+
+    units = [
+        f"{key.removesuffix('_unit')} {' or '.join(dict.fromkeys(listed(value)))}"
+        for key, value in app.columns.items()
+        if key.endswith("_unit")
+    ]
+    named = f", in a folder `{'` or `'.join(app.files)}`" if app.files else ""
+    beside = f"; `{'`, `'.join(app.truth.files)}` beside it as the reference" if app.truth else ""
+    sensors = ", ".join(name for name in _APP_SENSORS if name in app.columns)
+    facts = {
+        "App": f"{app.app}.",
+        "Files": f"one table{named}{beside}.",
+        "Sensors": sensors.replace("place", "places as the reference") + ".",
+        "Clock": f"`{listed(app.columns['time'])[0].strip('*')}`.",
+        "Units": f"{', '.join(units)}; others in those of pdrbench.",
+    }
+    return facts | ({"Traps": f"{app.traps}."} if app.traps else {})
+
+
+def _docstring(name: str) -> str:
+    module = READERS.entries()[name].target.partition(":")[0]
+    return inspect.getdoc(importlib.import_module(module)) or ""

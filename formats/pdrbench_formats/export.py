@@ -69,7 +69,8 @@ def as_geojson(track: Path2D, geo: GeoFrame | None = None, start_unix_s: float |
     features = []
     for part in _stretches(rows[:, 3]):
         line = np.round(lon_lat[part], 9).tolist()
-        geometry = {"type": "LineString", "coordinates": line} if len(line) > 1 else _point(line[0])
+        kind, coordinates = ("LineString", line) if len(line) > 1 else ("Point", line[0])
+        geometry = {"type": kind, "coordinates": coordinates}
         facts = {"name": name, "level": int(rows[part[0], 3]), "t_s": rows[part, 0].tolist()}
         features.append({"type": "Feature", "properties": facts, "geometry": geometry})
     return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
@@ -127,10 +128,6 @@ def _on_earth(track: Path2D, geo: GeoFrame | None) -> tuple[FloatArray, FloatArr
     rows = _given(track)
     lat_deg, lon_deg = geo.to_geo(rows[:, 1:3])
     return rows, np.column_stack([lon_deg, lat_deg])
-
-
-def _point(position: list[float]) -> dict[str, object]:
-    return {"type": "Point", "coordinates": position}
 
 
 def _stretches(level: FloatArray) -> list[np.ndarray[tuple[int], np.dtype[np.int64]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import shlex
 import tomllib
@@ -15,7 +16,6 @@ import typer
 import pdrbench_formats
 from pdrbench.errors import PdrbenchError
 from pdrbench.registry import environments, localizers, make_localizer
-from pdrbench_formats.pages.formats import format_facts, formats_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*/README.md")])
@@ -57,11 +57,13 @@ def test_python_examples_parse() -> None:
             ast.parse(block["code"], page.name)
 
 
-def test_every_format_of_recordings_is_described() -> None:
-    page = formats_page()
+def test_every_format_of_recordings_is_described(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    pages = importlib.import_module("pages")
+    page = pages.formats_page()
     for name, target in pdrbench_formats.READERS.items():
         if ".recordings." in target:
-            assert {"App", "Files", "Sensors", "Units", "Clock", "Traps"} <= format_facts(name).keys(), name
+            assert {"App", "Files", "Sensors", "Units", "Clock", "Traps"} <= pages.format_facts(name).keys(), name
             assert f"### {name}\n" in page
 
 

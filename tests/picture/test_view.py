@@ -9,8 +9,7 @@ import pytest
 import shapely
 
 from pdrbench.building import Building
-from pdrbench_formats.replays.dots import Dots, dots_of
-from pdrbench_formats.replays.view import PLAN, View, exploded_view, floor_height_m, level_height_m
+from pdrbench_formats.replays.view import PLAN, Dots, View, dots_of, exploded_view, floor_height_m, level_height_m
 from pdrbench_sim.buildings.office import make_office
 
 

@@ -23,10 +23,9 @@ from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates, Trajectory
 from pdrbench_formats.replays import plan_replay, replay, write_replay
-from pdrbench_formats.replays.dots import Dots, dots_of
 from pdrbench_formats.replays.page import MAX_DOTS_IN_ALL, STEPS, max_dots_of_page, page_data, replay_page
 from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay, errors_at, shown_reference
-from pdrbench_formats.replays.view import level_height_m
+from pdrbench_formats.replays.view import Dots, dots_of, level_height_m
 
 NASTY = '</script><b>&"walk"'
 NUM_FRAMES = 6

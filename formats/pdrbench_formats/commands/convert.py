@@ -18,9 +18,7 @@ from pdrbench.result import Result
 from pdrbench_formats.commands.inspect import COLUMNS_HELP, FORMAT_HELP, TABLE, read_thing
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.export import FORMATS
-from pdrbench_formats.maps import geojson
 from pdrbench_formats.maps.plan import Plan
-from pdrbench_formats.recordings import native
 
 
 def convert(
@@ -44,6 +42,9 @@ def convert(
 ) -> None:
     """Convert a file into pdrbench's own storage: exact, mapped into memory, never unpickled."""
     with answer_only(as_json):
+        from pdrbench_formats.maps import geojson
+        from pdrbench_formats.recordings import native
+
         found, content = read_thing(source, TABLE if columns is not None else kind, columns=columns)
         match content:
             case Log() | Recording():

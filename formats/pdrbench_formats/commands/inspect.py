@@ -19,6 +19,7 @@ from pdrbench.io import READERS
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording
 from pdrbench.result import Result
+from pdrbench.sensors.checks import rate_of
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.detect import detect, unpacked
 from pdrbench_formats.detect import read as read_file
@@ -151,7 +152,6 @@ def _sensors(rows: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
     for name, values in rows.items():
         t_s = values[:, 0]
         gaps_s = np.diff(t_s)
-        moving = gaps_s[gaps_s > 0]
         lengths = np.linalg.norm(values[:, 1:4], axis=1) if name in VECTORS else t_s[:0]
         table.append(
             {
@@ -159,7 +159,7 @@ def _sensors(rows: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
                 "rows": len(values),
                 "from_s": float(t_s[0]) if len(t_s) else None,
                 "to_s": float(t_s[-1]) if len(t_s) else None,
-                "median rate_hz": 1.0 / float(np.median(moving)) if len(moving) else None,
+                "median rate_hz": rate_of(t_s) or None,
                 "longest gap_s": float(gaps_s.max()) if len(gaps_s) else None,
                 "mean length": float(lengths.mean()) if len(lengths) else None,
             }

@@ -7,7 +7,7 @@ import importlib.util
 import secrets
 import socket
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import typer
 
@@ -15,9 +15,6 @@ from pdrbench.cli.options import LOCALIZER_HELP, make_folder
 from pdrbench.cli.output import note, say
 from pdrbench.errors import PdrbenchError
 from pdrbench.session import WAIT_S
-
-if TYPE_CHECKING:
-    from pdrbench_formats.taskfile.schema import StartTable
 
 LOOPBACK: Final = "127.0.0.1"
 TAP: Final = "tap"
@@ -50,9 +47,7 @@ def live(
     wait: Annotated[float, typer.Option(min=0.0, max=10.0, metavar="SECONDS", help=WAIT_HELP)] = WAIT_S,
 ) -> None:
     """Show where a phone is while it streams its sensors; prints the address of the page."""
-    missing = [
-        name for name in ("starlette", "uvicorn", "websockets", "segno") if importlib.util.find_spec(name) is None
-    ]
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         raise PdrbenchError(f'live needs {", ".join(missing)}: pip install "pdrbench[live]"')
     import segno
@@ -62,16 +57,15 @@ def live(
     from pdrbench_formats.live.feeds import MAX_BYTES
     from pdrbench_formats.live.phone import Setup
     from pdrbench_formats.live.server import Server
+    from pdrbench_formats.taskfile.schema import StartTable
 
     make_localizer(localizer)  # a name that is unknown is said now
     token = secrets.token_urlsafe(12)
-    setup = Setup(localizer, plan, tuple(survey or ()), _start(start), mounting, make_folder(out), wait)
+    begin = None if start == TAP else StartTable.of_text(start)
+    setup = Setup(localizer, plan, tuple(survey or ()), begin, mounting, make_folder(out), wait)
     server = Server(setup, token, tuple(phyphox or ()))
-    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((host, port))
-        listener.listen()
+        listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         raise PdrbenchError(f"cannot listen at {host}, port {port}: {error.strerror}; choose another --port") from error
     address = f"http://{_seen_as(host)}:{listener.getsockname()[1]}/{token}/"
@@ -86,7 +80,7 @@ def live(
         log_level="error",
         access_log=False,
         ws_max_size=MAX_BYTES,
-        limit_concurrency=64,
+        limit_concurrency=MAX_CONNECTIONS,
         server_header=False,
     )
     with contextlib.suppress(KeyboardInterrupt):  # which uvicorn passes on when all is ended
@@ -94,19 +88,6 @@ def live(
     for phone in server.phones.values():
         for folder in phone.folders:
             say(f"recorded in {folder}: pdrbench run {localizer} {folder}")
-
-
-def _start(text: str) -> StartTable | None:
-    """A start as a task file has it; None where it is to be tapped."""
-    from pdrbench_formats.taskfile.schema import StartTable
-
-    if text == TAP:
-        return None
-    try:
-        x_m, y_m, level, *heading = (float(part) for part in text.split(","))
-        return StartTable(xy_m=(x_m, y_m), level=int(level), heading_deg=heading[0] if heading else None)
-    except (ValueError, OverflowError):
-        raise PdrbenchError(f"--start is x,y,level,heading, as in 3.2,7.5,0,90, or tap; got {text!r}") from None
 
 
 def _seen_as(host: str) -> str:

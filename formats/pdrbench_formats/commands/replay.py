@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import sys
-import time
 import warnings
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -20,10 +16,7 @@ from pdrbench.errors import ResultError
 if TYPE_CHECKING:
     from pdrbench.result import Result
 
-LINE_EVERY_S: Final = 5.0
 MAX_LISTED: Final = 5
-
-Advance = Callable[[], None]
 
 
 def replay(
@@ -54,12 +47,17 @@ def replay(
     """
     with answer_only(as_json):
         stored = _one_result(result)
+        from pdrbench.evaluation.progress import reporting
+        from pdrbench.result import COMPLETE
         from pdrbench_formats.replays import plan_replay, write_replay
 
         planned = plan_replay(stored, fps=fps, from_s=from_s, to_s=math.inf if to_s is None else to_s, every=every)
-        with warnings.catch_warnings(record=True) as caught, _progress(len(planned)) as advance:
+        with (
+            warnings.catch_warnings(record=True) as caught,
+            reporting(len(planned), 0, shown=True, what="frames") as done,
+        ):
             warnings.simplefilter("always", UserWarning)
-            write_replay(planned, out, strict=not loose, advance=advance)
+            write_replay(planned, out, strict=not loose, advance=lambda: done(COMPLETE, planned.title))
     for warning in caught:
         note(f"pdrbench: {warning.message}")
     if as_json:
@@ -84,26 +82,3 @@ def _one_result(path: Path) -> Result:
             )
         path = found[0]
     return store.load(path)
-
-
-@contextlib.contextmanager
-def _progress(total: int) -> Iterator[Advance]:
-    """Gives the function to call after each frame: a bar on a terminal, a line now and then elsewhere."""
-    if sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import Progress
-
-        with Progress(console=Console(stderr=True)) as bar:
-            task = bar.add_task("frames", total=total)
-            yield lambda: bar.advance(task)
-        return
-    done, last_s = 0, time.monotonic()
-
-    def advance() -> None:
-        nonlocal done, last_s
-        done += 1
-        if time.monotonic() - last_s >= LINE_EVERY_S:
-            last_s = time.monotonic()
-            note(f"{done}/{total} frames")
-
-    yield advance

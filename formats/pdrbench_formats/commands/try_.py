@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
+import msgspec
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
@@ -69,33 +70,36 @@ def try_(
         from pdrbench.evaluation import Results, evaluate
         from pdrbench.registry import TASK_FILE
         from pdrbench.result import shown_name
-        from pdrbench_formats.taskfile import walks_of_file
-        from pdrbench_formats.taskfile.advice import (
-            ADVISED,
-            STANDING,
-            advised,
-            believed,
-            declined_results,
-            doubts,
-            is_aligned,
-        )
-        from pdrbench_formats.taskfile.draft import Wishes, write_draft
+        from pdrbench_formats.taskfile import advice, schema, walks_of_file
+        from pdrbench_formats.taskfile.draft import write_draft
 
-        wishes = Wishes(
-            plan, columns, _start(start), heading, truth, mounting, truth_offset, doors, tuple(survey or ())
+        begin = None if start is None else schema.StartTable.of_text(start)
+        if heading is not None:
+            begin = msgspec.structs.replace(begin or schema.StartTable(), heading_deg=heading)
+        content = schema.TaskFile(
+            plan=None if plan is None else schema.PlanTable(file=str(plan.absolute()), doors=doors),
+            columns=None if columns is None else str(columns.absolute()),
+            survey=schema.SurveyTable(file=tuple(str(one.absolute()) for one in survey)) if survey else None,
         )
-        names = localizer or (None if plays_all else (*ADVISED, STANDING))
+        each = schema.WalkTable(
+            file="",
+            start=begin,
+            mounting=mounting,
+            truth="" if truth is None else str(truth.absolute()),
+            truth_offset_s=truth_offset,
+        )
+        names = localizer or (None if plays_all else (*advice.ADVISED, advice.STANDING))
         localizers = ready_localizers(names, SPLIT, isolation)
         path, notes = files[0] / TASK_FILE, list[str]()
         if len(files) > 1 or not path.is_file():
-            path, notes = write_draft(files, wishes, make_folder(out))
-        elif wishes != Wishes(doors="rooms"):
+            path, notes = write_draft(files, content, each, make_folder(out))
+        elif (content, each) != (schema.TaskFile(), schema.WalkTable(file="")):
             raise PdrbenchError(f"{path} says all of its walks: leave out the options, or name a recording beside it")
         walks = walks_of_file(path)
-        declined = declined_results(localizers, str(path), SPLIT, walks.facts)
+        declined = advice.declined_results(localizers, str(path), SPLIT, walks.facts)
         played = [name for name in localizers if name not in {result.localizer for result in declined}]
         if not (localizer or plays_all):
-            played, declined = [*advised(played, walks)], []
+            played, declined = [*advice.advised(played, walks)], []
         results = Results(tuple(declined))
         if played:
             results = evaluate(
@@ -111,10 +115,11 @@ def try_(
         is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.facts)
         rows = results.rows() if is_scored and played else []
         named = [replace(one, localizer=shown_name(one.localizer, one.division)) for one in results.results]
-        written = _write(walks, named, _errors(rows), out)
-        best, why = believed(rows, [*results.results], walks)
-        doubtful = list(doubts(walks, results.results, best))
-        notes = [*notes, *walks.notes, *_findings(walks)]
+        written = _write(walks, named, advice.errors_of(rows, SCORE), out)
+        best, why = advice.believed(rows, [*results.results], walks)
+        doubtful = list(advice.doubts(walks, results.results, best))
+        found = [f"{walk}: {finding}" for walk, facts in walks.facts.items() for finding in facts.findings]
+        notes = [*notes, *walks.notes, *found]
     if as_json:
         _print_json(walks, named, declined, rows, written, {"localizer": best, "why": why, "doubts": doubtful})
         for line in notes:
@@ -125,7 +130,7 @@ def try_(
     for file in written:
         if file.suffix == ".png":
             say(f"drawn in {file}")
-    _print(walks, named, rows, is_turned=is_aligned(walks))
+    _print(walks, named, rows, is_turned=advice.is_aligned(walks))
     if plays_all or localizer:
         for reason, declining in _by_reason((*named, *declined)).items():
             note(f"not played, {reason}: {', '.join(declining)}")
@@ -134,33 +139,6 @@ def try_(
         note(line)
     note(f"wrote {out / 'table.csv'}, and the paths in {out / 'paths'}")
     note(f"{walks.reader.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")
-
-
-def _start(text: str | None) -> tuple[float, float, int] | None:
-    """X, y and level from `3.2,7.5,0`; the level may be left out."""
-    if text is None:
-        return None
-    try:
-        x_m, y_m, *level = (float(part) for part in text.split(","))
-        if len(level) > 1 or (level and level[0] != int(level[0])) or not (math.isfinite(x_m) and math.isfinite(y_m)):
-            raise ValueError
-    except (ValueError, OverflowError):
-        raise PdrbenchError(f"--start is x,y,level in metres, as in 3.2,7.5,0; got {text!r}") from None
-    return x_m, y_m, int(level[0]) if level else 0
-
-
-def _findings(walks: Walks) -> list[str]:
-    """What the readers found in the files, a line each."""
-    return [f"{walk}: {finding}" for walk, facts in walks.facts.items() for finding in facts.findings]
-
-
-def _errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Mean error by localizer; NaN where there is none."""
-    from pdrbench.result import shown_name
-
-    scores = {shown_name(row["localizer"], row["division"]): row["metrics"].get(SCORE) for row in rows}
-    values = {name: None if score is None else score["value"] for name, score in scores.items()}
-    return {name: math.nan if value is None else float(value) for name, value in values.items()}
 
 
 def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], out: Path) -> list[Path]:

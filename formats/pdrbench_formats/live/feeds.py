@@ -21,7 +21,7 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.sensors import sensor_spec
-from pdrbench_formats.recordings.assemble import Tally, seconds
+from pdrbench_formats.recordings.assemble import Tally
 from pdrbench_formats.recordings.sensor_logger import USED, Convention, convention_of, export_of, streams_of
 
 Tables = Mapping[str, FloatArray]
@@ -34,7 +34,6 @@ _NAMES: Final = {name.lower(): name for name in (*USED, "TotalAcceleration")}
 _PHYPHOX: Final = {"accelerometer": "accel", "gyroscope": "gyro", "magnetic_field": "mag", "pressure": "baro"}
 _VALUES: Final = {"baro": ("x",)}  # else x, y, z
 _OPENER: Final = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # phones are in the own network
-_UNREADABLE: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 
 
 class _Sample(msgspec.Struct):
@@ -65,7 +64,7 @@ def decoded(content: bytes, kind: type[Any]) -> Any:
     """
     try:
         return msgspec.json.decode(content, type=kind)
-    except _UNREADABLE as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RecordingError(f"not what a phone sends: {error}") from None
 
 
@@ -98,10 +97,11 @@ class SensorLoggerFeed:
         self._samples = [*self._samples, *came][-MAX_SAMPLES:]
         try:
             export = export_of(Path("push"), self._samples, Tally())
-            found = next((rows for name in _ACCELERATIONS if (rows := export.rows(name, ("x", "y", "z")))), None)
-            if found is None or np.subtract(*np.percentile(found[0], (90, 10))) * 1e-9 < 0.8 * GATHER_S:
+            every = (export.rows(name, ("x", "y", "z")) for name in _ACCELERATIONS)
+            found = next((rows for rows in every if rows is not None), None)
+            if found is None or np.subtract(*np.percentile(found[:, 0], (90, 10))) < 0.8 * GATHER_S:
                 return {}
-            self._origin_ns = int(np.median(found[0])) - 10 * 10**9
+            self._origin_ns = export.origin_ns + round(float(np.median(found[:, 0])) - 10.0) * 10**9
             self._convention = convention_of(export, Tally())
         except RecordingError:
             self._samples = []  # one of them spoils what is judged
@@ -110,11 +110,11 @@ class SensorLoggerFeed:
         return self._streams(came, self._convention)
 
     def _streams(self, samples: list[tuple[str, dict[str, Any]]], convention: Convention) -> Tables:
-        streams = streams_of(export_of(Path("push"), samples, Tally()), convention, Tally())
-        return {
-            name: np.column_stack([seconds(time_ns, self._origin_ns), values])
-            for name, (time_ns, values) in streams.items()
-        }
+        export = export_of(Path("push"), samples, Tally())
+        streams = streams_of(export, convention, Tally())
+        for rows in streams.values():
+            rows[:, 0] += (export.origin_ns - self._origin_ns) * 1e-9
+        return streams
 
 
 _ACCELERATIONS: Final = ("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import shutil
@@ -27,18 +28,11 @@ from pdrbench.session import WAIT_S, Session
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.live.feeds import GATHER_S, MAX_NAME, Push, SensorLoggerFeed, Tables
 from pdrbench_formats.recordings import native
-from pdrbench_formats.replays.dots import Dots, dots_of
 from pdrbench_formats.replays.page import Box, base64_of, marks_of, number_of, places_of, quantised
+from pdrbench_formats.replays.view import Dots, dots_of
+from pdrbench_formats.taskfile import schema
 from pdrbench_formats.taskfile.load import walks_of_file
-from pdrbench_formats.taskfile.schema import (
-    PlanTable,
-    StartTable,
-    SurveyTable,
-    TaskFile,
-    TaskTable,
-    WalkTable,
-    as_toml,
-)
+from pdrbench_formats.toml import as_toml
 
 TASK_ID: Final = "Live-v0"
 WALK: Final = "walk"
@@ -66,24 +60,24 @@ class Setup:
     localizer: str
     plan: Path | None = None
     survey: tuple[Path, ...] = ()
-    start: StartTable | None = None
+    start: schema.StartTable | None = None
     mounting: str = "hand"
     out: Path | None = None
     wait_s: float = WAIT_S
 
-    def task_file(self, start: StartTable, sensors: Tables) -> TaskFile:
+    def task_file(self, start: schema.StartTable, sensors: Tables) -> schema.TaskFile:
         """What is recorded beside a walk, so that its replay is given the same."""
         rates = {name: rate_of(rows[:, 0]) for name, rows in sensors.items() if sensor_spec(name).rate_hz}
-        return TaskFile(
-            task=TaskTable(
+        return schema.TaskFile(
+            task=schema.TaskTable(
                 id=TASK_ID,
                 sensors=tuple(sensors),
                 rates_hz={name: float(f"{rate:.3g}") for name, rate in rates.items() if rate},
                 derive=False,
             ),
-            plan=None if self.plan is None else PlanTable(file=str(self.plan.resolve()), doors="rooms"),
-            walk=(WalkTable(file="recording", id=WALK, start=start, mounting=self.mounting),),
-            survey=SurveyTable(file=tuple(str(path.resolve()) for path in self.survey)) if self.survey else None,
+            plan=None if self.plan is None else schema.PlanTable(file=str(self.plan.resolve()), doors="rooms"),
+            walk=(schema.WalkTable(file="recording", id=WALK, start=start, mounting=self.mounting),),
+            survey=schema.SurveyTable(file=tuple(str(path.resolve()) for path in self.survey)) if self.survey else None,
         )
 
 
@@ -149,7 +143,7 @@ class Phone:
         self._queue.append(packet)
         return self._play_what_waits()
 
-    def start(self, start: StartTable) -> None:
+    def start(self, start: schema.StartTable) -> None:
         """Begins a walk where the phone is now; one before it ends."""
         with self._lock:
             self._end()
@@ -185,10 +179,11 @@ class Phone:
             if self.state == WALKING:
                 self._play(tables)
             self._remember(tables)
-            if self.state in (WAITING, TAP) and _span_s(self._window) >= GATHER_S:
+            accel_s = self._window["accel"][:, 0] if "accel" in self._window else np.zeros(0)
+            if self.state in (WAITING, TAP) and len(accel_s) and np.ptp(accel_s) >= GATHER_S:
                 self.state = TAP
                 if self.setup.start is not None and not self.walk:
-                    self._begin(self.setup.start, float(self._window["accel"][:, 0].min()))
+                    self._begin(self.setup.start, float(accel_s.min()))
         return why
 
     def _remember(self, tables: Tables) -> None:
@@ -202,7 +197,7 @@ class Phone:
             joined = joined[np.abs(joined[:, 0] - self._newest_s) <= KEPT_S]
             self._window[name] = joined[np.argsort(joined[:, 0], kind="stable")]
 
-    def _begin(self, start: StartTable, origin_s: float) -> None:
+    def _begin(self, start: schema.StartTable, origin_s: float) -> None:
         self.walk, self.trail, self._origin_s = self.walk + 1, [], origin_s
         self._estimate, self._dots = None, None
         sensors = {name: rows for name, rows in self._window.items() if len(rows)}
@@ -303,15 +298,7 @@ class Phone:
         return frame
 
 
-def _span_s(window: Tables) -> float:
-    t_s = window["accel"][:, 0] if "accel" in window else np.zeros(0)
-    return float(t_s.max() - t_s.min()) if len(t_s) else 0.0
-
-
 def _free(out: Path, name: str) -> Path:
     """A folder of that name that does not exist yet."""
-    for k in range(1, 10_000):
-        folder = out / f"{name[:MAX_NAME]}-{k}"
-        if not folder.exists():
-            return folder
-    raise RecordingError(f"{out} holds ten thousand walks; name another folder")
+    folders = (out / f"{name[:MAX_NAME]}-{k}" for k in itertools.count(1))
+    return next(folder for folder in folders if not folder.exists())

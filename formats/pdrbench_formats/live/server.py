@@ -25,16 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, plain_line
 from pdrbench.report.pages import render
-from pdrbench_formats.live.feeds import (
-    MAX_BYTES,
-    MAX_NAME,
-    Packet,
-    PhyphoxFeed,
-    Push,
-    Tables,
-    decoded,
-    packet_tables,
-)
+from pdrbench_formats.live import feeds
 from pdrbench_formats.live.phone import Phone, Setup
 from pdrbench_formats.replays.page import PACKAGE as REPLAYS
 from pdrbench_formats.replays.page import Box, box_of, building_data
@@ -47,7 +38,7 @@ POLL_S: Final = 0.1  # of phyphox
 REPLY_S: Final = 1.0  # after which a phone is answered
 MAX_PHONES: Final = 8
 MAX_VIEWERS: Final = 8
-MAX_BYTES_PER_S: Final = 4 * MAX_BYTES
+MAX_BYTES_PER_S: Final = 4 * feeds.MAX_BYTES
 MAX_REQUESTS_PER_S: Final = 400.0
 NOWHERE_M: Final = (-40.0, -40.0, 40.0, 40.0)  # what is shown without a plan
 HEADERS: Final = {
@@ -101,7 +92,7 @@ class Server:
 
     def __init__(self, setup: Setup, token: str, phyphox: tuple[str, ...] = ()) -> None:
         self._setup, self._token = setup, token
-        self._feeds = [PhyphoxFeed(address) for address in phyphox]
+        self._feeds = [feeds.PhyphoxFeed(address) for address in phyphox]
         self.phones: dict[str, Phone] = {}
         self._bytes, self._requests = Allowance(MAX_BYTES_PER_S), Allowance(MAX_REQUESTS_PER_S)
         self._viewers: set[asyncio.Event] = set()
@@ -160,12 +151,12 @@ class Server:
         content = bytearray()
         async for part in request.stream():
             content += part
-            if len(content) > MAX_BYTES:
-                return _refused(413, f"a push holds at most {MAX_BYTES} bytes; send more often")
+            if len(content) > feeds.MAX_BYTES:
+                return _refused(413, f"a push holds at most {feeds.MAX_BYTES} bytes; send more often")
         if not self._allows(len(content)):
             return _refused(429, "too much, too often")
         try:
-            push = decoded(bytes(content), Push)
+            push = feeds.decoded(bytes(content), feeds.Push)
             phone = self._phone(push.deviceId)
             why = await self._played(phone, push)
         except PdrbenchError as error:
@@ -186,7 +177,7 @@ class Server:
                 why = "" if self._allows(len(content)) else "too much, too often"
                 try:
                     if not why:
-                        tables = packet_tables(decoded(content, Packet))
+                        tables = feeds.packet_tables(feeds.decoded(content, feeds.Packet))
                         phone = self._phone(socket.query_params.get("device", "phone"))
                         why = await self._played(phone, tables)
                 except PdrbenchError as error:
@@ -208,7 +199,7 @@ class Server:
                 content = await _received(socket)
                 if self._allows(len(content)):
                     with contextlib.suppress(PdrbenchError):  # a page says nothing wrong
-                        await self._fulfil(decoded(content, _Wish))
+                        await self._fulfil(feeds.decoded(content, _Wish))
         except WebSocketDisconnect:
             pass
         finally:
@@ -241,7 +232,7 @@ class Server:
             await asyncio.to_thread(phone.start, start)
         self._notify()
 
-    async def _poll(self, feed: PhyphoxFeed) -> None:
+    async def _poll(self, feed: feeds.PhyphoxFeed) -> None:
         phone = self._phone(f"phyphox {feed.address.partition('://')[2]}")
         while True:
             try:
@@ -254,7 +245,7 @@ class Server:
                 self._notify()
             await asyncio.sleep(POLL_S)
 
-    async def _played(self, phone: Phone, packet: Push | Tables) -> str:
+    async def _played(self, phone: Phone, packet: feeds.Push | feeds.Tables) -> str:
         """Plays a packet; a phone does not wait for a localizer that compiles. Why it was left out, as far as known."""
         playing = asyncio.create_task(asyncio.to_thread(phone.take, packet))
         self._playing.add(playing)
@@ -263,7 +254,7 @@ class Server:
         return playing.result() if playing.done() else ""
 
     def _phone(self, name: str) -> Phone:
-        name = plain_line(name)[:MAX_NAME] or "phone"
+        name = plain_line(name)[: feeds.MAX_NAME] or "phone"
         if name not in self.phones:
             if len(self.phones) >= MAX_PHONES:
                 raise PdrbenchError(f"there are {MAX_PHONES} phones already; start another server")

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import shapely
 
 from pdrbench.building import WALL, Building
 from pdrbench.building.connectivity import labels_of, lift_shafts, reachable_parts, unconnected_levels
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.trajectory import Trajectory
-from pdrbench_formats.maps.houses import unreachable
-from pdrbench_formats.maps.plan import Plan, level_table
+from pdrbench_formats.maps.plan import Plan, level_table, unreachable
 
 BETTER: Final = 0.15  # fraction of a walk that has to lie better inside before a plan is called mirrored or scaled
 _CHANGES: Final[Mapping[str, tuple[tuple[float, float], tuple[float, float]]]] = {
@@ -59,8 +59,6 @@ class WalkCheck:
 
 def check_walk(building: Building, walk: Trajectory) -> WalkCheck:
     """Which walls the straight lines between the places of a walk pass, level by level."""
-    import shapely
-
     inside = building.contains(walk.xy_m, walk.level)
     crosses = np.zeros(max(len(walk) - 1, 0), dtype=np.bool_)
     is_wall = building.edge_neighbour == WALL
@@ -95,13 +93,15 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
     """What a plan holds and what is wrong with it, as tables."""
     building = plan.building
     parts = reachable_parts(building)
-    shafts = lift_shafts(building)
     return {
         "name": building.name,
         "format": plan.source,
         "levels": level_table(building),
         "stairs": _stairs(building),
-        "lifts": [_lift(building, shaft) for shaft in shafts],
+        "lifts": [
+            {"levels": _levels(building, shaft), "polygons": len(shaft), **_middle(building, shaft[0])}
+            for shaft in lift_shafts(building)
+        ],
         "unreachable": _unreachable(building, parts),
         "unconnected_levels": list(unconnected_levels(building)),
         "repairs": dict(Counter(repair.kind for repair in plan.repairs)),
@@ -113,9 +113,10 @@ def _levels(building: Building, polygons: Sequence[int]) -> list[int]:
     return sorted({building.polygons[i].level for i in polygons})
 
 
-def _lift(building: Building, shaft: Sequence[int]) -> dict[str, Any]:
-    x_m, y_m = building.polygons[shaft[0]].outline_xy_m.mean(axis=0)
-    return {"levels": _levels(building, shaft), "polygons": len(shaft), "x_m": float(x_m), "y_m": float(y_m)}
+def _middle(building: Building, polygon: int) -> dict[str, float]:
+    """Where a floor polygon is."""
+    x_m, y_m = building.polygons[polygon].outline_xy_m.mean(axis=0)
+    return {"x_m": float(x_m), "y_m": float(y_m)}
 
 
 def _stairs(building: Building) -> list[dict[str, Any]]:
@@ -128,15 +129,12 @@ def _stairs(building: Building) -> list[dict[str, Any]]:
     rows = []
     for one in np.unique(label[is_stairs]):
         members = np.flatnonzero((label == one) & is_stairs)
-        xy_m = building.polygons[members[0]].outline_xy_m.mean(axis=0)
-        heights = building.height(members)
         rows.append(
             {
                 "levels": " to ".join(str(level) for level in _levels(building, members.tolist())),
                 "treads": len(members),
-                "rise_m": float(np.ptp(heights)),
-                "x_m": float(xy_m[0]),
-                "y_m": float(xy_m[1]),
+                "rise_m": float(np.ptp(building.height(members))),
+                **_middle(building, members[0]),
             }
         )
     return rows
@@ -148,15 +146,13 @@ def _unreachable(building: Building, parts: Any) -> list[dict[str, Any]]:
     for part in np.unique(parts[unreachable(building)]):
         members = np.flatnonzero(parts == part)
         largest = max(members, key=lambda i: building.polygons[i].area_m2)
-        xy_m = building.polygons[largest].outline_xy_m.mean(axis=0)
         rows.append(
             {
                 "levels": " ".join(str(level) for level in _levels(building, members.tolist())),
                 "polygon": building.polygons[largest].id,
                 "polygons": len(members),
                 "area_m2": sum(building.polygons[i].area_m2 for i in members),
-                "x_m": float(xy_m[0]),
-                "y_m": float(xy_m[1]),
+                **_middle(building, int(largest)),
             }
         )
     return rows

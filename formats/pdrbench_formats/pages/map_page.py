@@ -14,9 +14,8 @@ from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture.plan import FLOOR_COLOURS, Bounds, draw_level, fill_rings
 from pdrbench.report.pages import render
-from pdrbench_formats.maps.houses import unreachable
 from pdrbench_formats.maps.openings import is_guessed
-from pdrbench_formats.maps.plan import Plan
+from pdrbench_formats.maps.plan import Plan, unreachable
 from pdrbench_formats.pages.map_check import WalkCheck, plan_facts
 
 MAX_DOOR_M: Final = 2.5  # a wider connection between two floors is no door
@@ -89,16 +88,13 @@ class _Drawing:
 
     def colours(self) -> dict[str, str]:
         """Those that are on the plan, by what they mean."""
-        absent = {"no way leads here"} - ({"no way leads here"} if self.is_lost.any() else set())
-        kinds = {polygon.kind for polygon in self.plan.building.polygons}
-        absent |= {"stairs", "lift"} - kinds
-        if not any(repair.kind == "door guessed" for repair in self.plan.repairs):
-            absent.add("door guessed")
-        if self.walk is None:
-            absent |= {"walk", "walk through a wall"}
-        if not any(repair.kind not in NOT_DRAWN and repair.place_xy_m for repair in self.plan.repairs):
-            absent.add("repair")
-        return {name: colour for name, colour in COLOURS.items() if name not in absent}
+        repairs = self.plan.repairs
+        kinds = {"door", *(polygon.kind for polygon in self.plan.building.polygons)}
+        kinds |= {"no way leads here"} if self.is_lost.any() else set()
+        kinds |= {"door guessed"} if any(repair.kind == "door guessed" for repair in repairs) else set()
+        kinds |= {"walk", "walk through a wall"} if self.walk is not None else set()
+        kinds |= {"repair"} if any(one.kind not in NOT_DRAWN and one.place_xy_m for one in repairs) else set()
+        return {name: colour for name, colour in COLOURS.items() if name in kinds}
 
     def bounds_of(self, level: int) -> Bounds:
         """What is shown of a level: the same as of the others, or that level alone where it is much smaller."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -49,21 +48,11 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
 
 
 def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
-    """The best of each family (names that begin alike), then others; where nothing was scored, the first of each."""
-    names = [name for name in names if _family(name) != STANDING] or names
-    still_m = next((error_m[name] for name in error_m if _family(name) == STANDING), np.inf)
+    """The best, who err less than one who stands still; where nothing was scored, the first."""
+    names = [name for name in names if name != STANDING] or names
     scored = sorted((name for name in names if np.isfinite(error_m.get(name, np.nan))), key=lambda name: error_m[name])
-    if scored:
-        scored = [name for name in scored if error_m[name] < still_m] or scored
-        best = {_family(name): name for name in reversed(scored)}.values()
-        others = [name for name in scored if name not in best]
-        return sorted([*sorted(best, key=scored.index), *others][:MAX_DRAWN], key=scored.index)
-    families = {_family(name): name for name in reversed(names)}
-    return [name for name in names if name in families.values()][:MAX_DRAWN]
-
-
-def _family(name: str) -> str:
-    return re.split(r"[_?-]", name)[0]
+    better = [name for name in scored if error_m[name] < error_m.get(STANDING, np.inf)]
+    return (better or scored or names)[:MAX_DRAWN]
 
 
 def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[Path]:
@@ -75,7 +64,8 @@ def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[P
         reference = walks.task.load(walk).reference
         if len(reference):
             tracks["reference"] = reference
-        start_unix_s = _start_unix_s(walks, walk)
+        start_s = walks.facts[walk].start_unix_s  # None where its file does not say
+        start_unix_s = None if start_s is None else start_s + walks.begin_s[walk]
         place = folder / safe_name(walk)
         place.mkdir(parents=True, exist_ok=True)
         for name, track in tracks.items():
@@ -109,9 +99,3 @@ def path_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
 def _with_path(results: Sequence[Result]) -> list[Result]:
     """Those with an estimate."""
     return [result for result in results if result.status != UNSUITABLE and result.estimates.given.any()]
-
-
-def _start_unix_s(walks: Walks, walk: str) -> float | None:
-    """Time 0 of a walk in seconds since 1970; None where its file does not say."""
-    start_s: float | None = walks.facts[walk].start_unix_s
-    return None if start_s is None else start_s + walks.begin_s[walk]

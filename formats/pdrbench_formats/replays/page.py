@@ -7,6 +7,7 @@ import contextlib
 import importlib.resources
 import math
 import os
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,16 +22,20 @@ from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture.plan import FLOOR_COLOURS, RISER_COLOUR, TREAD_COLOUR, WALL_COLOUR, is_stairs
 from pdrbench.report.pages import render
 from pdrbench.report.walks import bounds_to_show
-from pdrbench_formats.replays.dots import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench_formats.replays.replay import MAX_DOTS, ReplayFrame, WalkReplay
-from pdrbench_formats.replays.view import PLAN, exploded_view, floor_height_m, level_height_m
+from pdrbench_formats.replays.view import (
+    LEVEL_COLOURS,
+    PLAN,
+    ZERO_WEIGHT_COLOUR,
+    Dots,
+    exploded_view,
+    floor_height_m,
+    level_height_m,
+)
 
 STEPS: Final = 65_535  # of a coordinate: 2 mm in a building of 130 m
 ZERO_WEIGHT: Final = 128  # added to the place of the level in the list of levels
 MARGIN_M: Final = 3.0  # around the building, for particles and estimates beside it
-FRAME_LISTS: Final = (
-    *("t_s", "estimate", "reference", "sigma_m", "converged", "particles", "clusters", "error_m", "level_right"),
-)
 DIGITS: Final = 3  # millimetres
 
 NO_POLYGONS: Final[dict[str, list[Any]]] = {"rings": [], "risers": [], "treads": [], "walls": []}
@@ -86,7 +91,7 @@ def replay_page(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> str:
 def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any]:
     """What the page plays, as JSON knows it.
 
-    `frames` holds a list for each name of `FRAME_LISTS`, with None where something is missing; places are
+    `frames` holds a list for each thing that is shown, with None where it is missing; places are
     `x_m, y_m, level, height_m`. `cloud` holds the particles: frame k owns the rows `first[k]:first[k + 1]`; `places`
     (x, y, height; 16 bits each, from `low` to `high` in 65535 steps) and `marks` (8 bits: place in `levels`, plus 128
     where the weight is 0) are little-endian in base64.
@@ -95,7 +100,7 @@ def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any
     bounds_m = None if building is not None else bounds_to_show(replay.recording, {"": replay.result})
     box = box_of(building, bounds_m, reference.level.tolist())
     low, high, levels = box.low, box.high, box.levels
-    frames: dict[str, list[Any]] = {name: [] for name in FRAME_LISTS}
+    frames: dict[str, list[Any]] = defaultdict(list)
     places, marks, first = [], [], [0]
     for shot in shots:
         _append(frames, shot, building)
@@ -148,15 +153,19 @@ def _append(frames: dict[str, list[Any]], shot: ReplayFrame, building: Building 
         estimate = places_of(building, answer.xy_m[None], np.array([answer.level]))[0]
     level = shot.reference[2:]
     reference = places_of(building, shot.reference[None, :2], level)[0] if np.isfinite(level).all() else None
-    frames["t_s"].append(round(shot.now_s, DIGITS))
-    frames["estimate"].append(estimate)
-    frames["reference"].append(reference)
-    frames["sigma_m"].append(None if answer is None else number_of(answer.sigma_m))
-    frames["converged"].append(None if answer is None or answer.converged is None else bool(answer.converged))
-    frames["particles"].append(shot.num_particles)
-    frames["clusters"].append(shot.num_clusters)
-    frames["error_m"].append(number_of(shot.error_m))
-    frames["level_right"].append(shot.is_level_right)
+    shown = {
+        "t_s": round(shot.now_s, DIGITS),
+        "estimate": estimate,
+        "reference": reference,
+        "sigma_m": None if answer is None else number_of(answer.sigma_m),
+        "converged": None if answer is None or answer.converged is None else bool(answer.converged),
+        "particles": shot.num_particles,
+        "clusters": shot.num_clusters,
+        "error_m": number_of(shot.error_m),
+        "level_right": shot.is_level_right,
+    }
+    for name, value in shown.items():
+        frames[name].append(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import Result, shown_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
-from pdrbench_formats.replays.dots import Dots, dots_of
+from pdrbench_formats.replays.view import Dots, dots_of
 
 FPS: Final = 10  # frames a second
 STORED_M: Final = 2e-4  # positions are stored to 0.1 mm

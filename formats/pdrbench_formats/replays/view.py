@@ -1,22 +1,25 @@
-"""From the building to the paper: a plan, or levels drawn apart one above the other."""
+"""From the building to the paper: a plan, or levels drawn apart one above the other; and clouds of particles."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pdrbench.building import Building
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 
 STRETCH: Final = 10.0  # Woodman & Harle 2008, Fig. 4: "diagrams are exploded 10x in the z-axis"
 AZIMUTH_RAD: Final = math.radians(-14.0)  # enough for a corridor along y not to stand upright in the picture
 STEEPEST_RAD: Final = math.radians(50.0)
 FLATTEST_RAD: Final = math.radians(18.0)
 CLEARANCE: Final = 1.2  # height between two levels in the picture over the depth of a level
+ZERO_WEIGHT_COLOUR: Final = "#000000"  # Woodman & Harle 2008, Fig. 4: black where w = 0
+LEVEL_COLOURS: Final = ("#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # Okabe & Ito 2008, estimates are blue
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +68,15 @@ class View:
 PLAN: Final = View(azimuth_rad=0.0, elevation_rad=math.pi / 2)
 
 
-def exploded_view(building: Building, stretch: float = STRETCH, azimuth_rad: float = AZIMUTH_RAD) -> View:
-    """The view from as high as possible without one level hiding another, between 18 and 50 degrees.
-
-    `stretch` and `azimuth_rad` as in `View`.
-    """
+def exploded_view(building: Building) -> View:
+    """The view from as high as possible without one level hiding another, between 18 and 50 degrees."""
     heights = [level_height_m(building, level) for level in building.levels]
     if len(heights) < 2:
-        return View(azimuth_rad, STEEPEST_RAD, stretch)
+        return View(elevation_rad=STEEPEST_RAD)
     _, ymin, _, ymax = building.bounds_m()
-    depth_m = (ymax - ymin) / max(math.cos(azimuth_rad), 0.1)  # of a level, straight up in the picture
-    elevation_rad = math.atan(stretch * float(np.diff(sorted(heights)).min()) / (CLEARANCE * depth_m))
-    return View(azimuth_rad, min(max(elevation_rad, FLATTEST_RAD), STEEPEST_RAD), stretch)
+    depth_m = (ymax - ymin) / math.cos(AZIMUTH_RAD)  # of a level, straight up in the picture
+    elevation_rad = math.atan(STRETCH * float(np.diff(sorted(heights)).min()) / (CLEARANCE * depth_m))
+    return View(elevation_rad=min(max(elevation_rad, FLATTEST_RAD), STEEPEST_RAD))
 
 
 def level_height_m(building: Building, level: int) -> float:
@@ -104,3 +104,59 @@ def floor_height_m(building: Building, xy_m: ArrayLike, level: ArrayLike) -> Flo
     polygon = building.locate(places, levels)
     height_m[polygon >= 0] = building.height(polygon[polygon >= 0])
     return height_m
+
+
+@dataclass(frozen=True, slots=True)
+class Dots:
+    """Particles as pictures need them.
+
+    Attributes:
+        xy_m: (N, 2).
+        level: (N,) int.
+        height_m: (N,) above level 0.
+        weight: (N,) not negative; 0 where a particle hit a wall.
+    """
+
+    xy_m: FloatArray
+    level: IntArray
+    height_m: FloatArray
+    weight: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    @property
+    def alive(self) -> BoolArray:
+        """(N,) True where the weight is positive."""
+        alive: BoolArray = self.weight > 0
+        return alive
+
+    def only(self, keep: BoolArray | IntArray) -> Dots:
+        """Some of the particles."""
+        return Dots(self.xy_m[keep], self.level[keep], self.height_m[keep], self.weight[keep])
+
+    def thinned(self, max_count: int) -> Dots:
+        """At most `max_count` particles, evenly chosen from their order."""
+        if len(self) <= max_count:
+            return self
+        return self.only(np.linspace(0, len(self) - 1, max_count).round().astype(np.int64))
+
+
+def dots_of(debug: Mapping[str, NDArray[Any]], building: Building | None = None) -> Dots | None:
+    """The particles in what a localizer's `debug()` returns; None where it has none.
+
+    `particles_xy_m` (N, 2) must be there; `particles_level`, `particles_polygon` and `particles_weight` (N,) may be.
+    Heights are those of the polygons, else of the floor found below; 0 without a map. Arrays are copied.
+    """
+    if "particles_xy_m" not in debug:
+        return None
+    xy_m = np.array(debug["particles_xy_m"], dtype=np.float64).reshape(-1, 2)
+    weight = np.array(debug.get("particles_weight", np.ones(len(xy_m))), dtype=np.float64)
+    polygon = None if building is None else debug.get("particles_polygon")
+    if building is not None and polygon is not None and (np.asarray(polygon) >= 0).all():
+        level, height_m = building.level(polygon), building.height(polygon)
+    else:
+        level = np.array(debug.get("particles_level", np.zeros(len(xy_m))), dtype=np.int64)
+        height_m = np.zeros(len(xy_m)) if building is None else floor_height_m(building, xy_m, level)
+    shown = np.isfinite(xy_m).all(axis=1) & np.isfinite(height_m)
+    return Dots(xy_m, np.array(level), np.array(height_m), weight).only(shown)

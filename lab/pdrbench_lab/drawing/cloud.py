@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench_formats.replays.dots import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
-from pdrbench_formats.replays.view import PLAN, View
+from pdrbench_formats.replays.view import LEVEL_COLOURS, PLAN, ZERO_WEIGHT_COLOUR, Dots, View
 
 ON_TOP: Final = 1000.0  # drawing order of what lies on the building: above every level of it
 WEIGHT_COLOURS: Final = "plasma_r"
@@ -37,7 +36,7 @@ def draw_dots(
 
     Args:
         ax: With its limits set.
-        dots: Particles; for the plan of one level take `dots.on_level(level)`.
+        dots: Particles; for the plan of one level take `dots.only(dots.level == level)`.
         view: As returned by `draw_exploded`, or `PLAN`.
         shading: "level": a colour for each level. "weight": from yellow to blue as the weight rises to the largest.
         max_dots: More particles than that are drawn as an image: each pixel has the mean colour of its particles, the

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from pdrbench.building import WALL, Building, FloorRegion, Zone
 from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
-from pdrbench_formats.replays.dots import LEVEL_COLOURS, Dots, dots_of
-from pdrbench_formats.replays.view import PLAN, level_height_m
+from pdrbench_formats.replays.view import LEVEL_COLOURS, PLAN, Dots, dots_of, level_height_m
 from pdrbench_lab.drawing import (
     draw_arrow,
     draw_dots,

@@ -17,7 +17,7 @@ from pdrbench.sensors.position import PositionErrors
 from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
 from pdrbench_baselines.koeping2012.localizer import Koeping2012
 from pdrbench_baselines.koeping2012.movement import MovementTable, build_table
-from pdrbench_formats.replays.dots import Dots
+from pdrbench_formats.replays.view import Dots
 from pdrbench_lab.drawing import draw_dots, draw_path
 from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.papers.koeping2012.experiments import AT_S, COUNTS, ENVS, SPEED_COUNTS, play

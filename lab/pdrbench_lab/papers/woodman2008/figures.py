@@ -16,7 +16,7 @@ from pdrbench.recording import Recording
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import ParticleCloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
-from pdrbench_formats.replays.dots import Dots
+from pdrbench_formats.replays.view import Dots
 from pdrbench_lab.drawing import (
     draw_arrow,
     draw_dots,
@@ -80,7 +80,7 @@ def _localisation(recording: Recording) -> dict[str, Any]:
     figure, panels = level_panels(building, title=f"Fig. 5: clusters that symmetry leaves, {before.title}")
     dots = _dots(building, before.cloud)
     for level, ax in panels.items():
-        draw_dots(ax, dots.on_level(level).only(dots.on_level(level).alive))
+        draw_dots(ax, dots.only((dots.level == level) & dots.alive))
         if level == reference.level[before.strides]:
             draw_arrow(ax, reference.xy_m[before.strides], 0.0)
     figures["fig5_symmetry"] = figure
