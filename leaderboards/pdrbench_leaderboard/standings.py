@@ -255,10 +255,10 @@ class Table:
     def agreement(self) -> tuple[float, float]:
         """Kendall's tau of the orders on public and on held-out walks: over pairs told apart, and over all.
 
-        Of environments that have both. NaN where there is no such pair.
+        Of environments that have both, on whose held-out walks pairs are told apart. NaN where there is no such pair.
         """
-        held_out = self.ranked("held-out", envs={listed.env for listed in self.environments("public")}, draws=0)
-        return tau(held_out, self.public, self.ranking)
+        held_out = self.ranked("held-out", envs={listed.env for listed in self.environments("public")})
+        return tau(held_out, self.public, held_out)
 
     @functools.cached_property
     def halves_agree(self) -> tuple[float, float]:

@@ -27,8 +27,8 @@ from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence, off_the_othe
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
+from pdrbench_baselines.gp_wifi.scan_places import ScanPlaces
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
-from pdrbench_baselines.learned.wlan import ScanPlaces
 
 RING = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
 PLACES = np.array([[2.0, 2.0], [28.0, 2.0], [2.0, 18.0], [28.0, 18.0], [15.0, 10.0]])  # of access points, on each level

@@ -20,8 +20,7 @@ from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.localizer import motion_of
-from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
+from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, motion_of
 from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
 

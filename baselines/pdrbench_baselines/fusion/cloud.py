@@ -1,4 +1,4 @@
-"""Particles of `learned_map`, put and weighed by likelihoods on a lattice, which also say how likely the cloud is."""
+"""Particles, put and weighed by likelihoods on a lattice, which also say how likely the cloud is."""
 
 from __future__ import annotations
 

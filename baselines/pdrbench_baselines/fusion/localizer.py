@@ -29,8 +29,7 @@ from pdrbench_baselines.fusion.radio import ELSEWHERE, RadioEvidence, off_the_ot
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
-from pdrbench_baselines.learned.localizer import debug_of, motion_of, stored
-from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
+from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, debug_of, motion_of, stored
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner, WindowNetwork
 from pdrbench_baselines.learned.signals import turned
 
@@ -49,7 +48,7 @@ class Hypothesis:
 class Fusion(NetworkLocalizer):
     """Phone with WLAN, and a plan where there is one: `learned` displacements, `gp_wifi` and particles for every level.
 
-    Needs what `learned_map` needs but for the plan, and takes the same sensors. Without a plan floors are open, and
+    Needs what `learned` needs, and a known start or a radio survey with WLAN. Without a plan floors are open, and
     people are likelier to walk where the survey was walked. Where the start is not known, the first scan puts a
     cloud on every level that the map does not join, by the radio map of `gp_wifi`; each scan says how likely each
     cloud is, and the answer is that of the likeliest: the mean of its particles where the start is known, else their

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import RadioMap, SensorSpec
-from pdrbench_baselines.learned.wlan import ScanLocator, ScanPlaces
+from pdrbench_baselines.gp_wifi.scan_places import ScanLocator, ScanPlaces
 
 MIN_ODDS: Final = 1e-3  # cosine distances nearer to 0 or 1 count as that
 

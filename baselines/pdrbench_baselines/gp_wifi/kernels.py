@@ -1,4 +1,4 @@
-"""Compiled: what the readings of a scan say of the places of their fields, and how long scans of a survey lasted."""
+"""Compiled: what readings say of the places of their fields, densities of scans, how long scans of a survey lasted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pdrbench.compiled import compiled
 from pdrbench.geometry import FloatArray
 
 TABLE_LOW, TABLE_HIGH, PER_ONE = -30.0, 20.0, 256.0  # of log(1 + exp(a)), which lines between give to 5e-7
+FAR = 36.0  # half a squared deviation: 2e-16 of what is near
 MAX_SQUARE = 25.0  # half of a squared deviation; rarer readings are as good as unexpected: e^-25 of 5e4 times as likely
 
 
@@ -21,6 +22,9 @@ def warm_up() -> None:
     add_readings(np.zeros((1, 1)), *at, one, one, np.ones((1, 3)), np.zeros(1), 25.0, log1p_exp_table())
     zero = np.zeros(1, dtype=np.int64)
     times_between(at[1], zero, np.ones(1), np.ones(1), np.zeros(1, dtype=np.bool_), 1)
+    place = np.zeros((1, 2))
+    mixture(place, zero, place, zero, np.ones(1), 1.0, 1.0)
+    mixtures(np.zeros((1, 1)), zero, place, zero, np.ones(1), np.ones(1))
 
 
 @compiled
@@ -98,3 +102,52 @@ def times_between(first: Any, column: Any, rssi_dbm: Any, age_s: Any, goes_on: A
                 count += 1
         lasted_s[s] = (aged_s[(count - 1) // 2] + aged_s[count // 2]) / 2 if count >= max(least, 1) else np.nan
     return lasted_s
+
+
+@compiled
+def mixture(xy_m: Any, level: Any, at_m: Any, at_level: Any, weight: Any, spread_m: float, everywhere: float) -> Any:
+    """(N,) what is everywhere, and on their levels K normal densities (K, 2) by weight (K,), without their factor."""
+    density, half = np.empty(len(xy_m)), 0.5 / spread_m**2
+    for n in range(len(xy_m)):
+        x, y, here, total = xy_m[n, 0], xy_m[n, 1], level[n], everywhere
+        for k in range(len(weight)):
+            off = ((x - at_m[k, 0]) ** 2 + (y - at_m[k, 1]) ** 2) * half
+            if off < FAR and at_level[k] == here:
+                total += weight[k] * math.exp(-off)
+        density[n] = total
+    return density
+
+
+@compiled
+def mixtures(distance: Any, asked: Any, xy_m: Any, level: Any, softness: Any, spread_m: Any) -> Any:
+    """(A, B, Q) the same at the places of Q scans `asked` of all S, which count by their distances (Q, S) from these.
+
+    A distance loses 1 / e over softness (A,); infinite ones do not count. The densities spread by (B,).
+    """
+    found = np.zeros((len(softness), len(spread_m), len(asked)))
+    soft, near = np.empty(len(softness)), np.empty(len(spread_m))
+    total = np.empty(len(softness))
+    for q in range(len(asked)):
+        nearest, own = distance[q].min(), asked[q]
+        for a in range(len(soft)):
+            total[a] = 0.0
+        for s in range(len(xy_m)):
+            if distance[q, s] == np.inf:
+                continue
+            for a in range(len(soft)):
+                off = (distance[q, s] - nearest) / softness[a]
+                soft[a] = math.exp(-off) if off < FAR else 0.0
+                total[a] += soft[a]
+            if level[s] != level[own]:
+                continue
+            away_m2 = (xy_m[s, 0] - xy_m[own, 0]) ** 2 + (xy_m[s, 1] - xy_m[own, 1]) ** 2
+            for b in range(len(near)):
+                off = 0.5 * away_m2 / spread_m[b] ** 2
+                near[b] = math.exp(-off) if off < FAR else 0.0
+            for a in range(len(soft)):
+                for b in range(len(near) if soft[a] > 0.0 else 0):
+                    found[a, b, q] += soft[a] * near[b]
+        for a in range(len(soft)):
+            for b in range(len(near)):
+                found[a, b, q] /= total[a]
+    return found

@@ -44,7 +44,7 @@ from pdrbench_baselines.learned.constants import (
     STEP_LAGS,
     USUAL_HEIGHT_M,
 )
-from pdrbench_baselines.learned.kernels import mixture, mixtures, yaw_means
+from pdrbench_baselines.learned.kernels import yaw_means
 from pdrbench_baselines.learned.reckoning import WindowAnswer
 from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, SLOW_S, WINDOW, grid_signals
 from pdrbench_baselines.learned.weight_files import PACKAGED, TRAIN, check_form, packaged_file, read_arrays
@@ -311,9 +311,6 @@ def warm_up() -> None:
     compiled_network("phone")  # asked once while it is made
     grid_signals(np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 5)), 0.0, 0.0)
     yaw_means(np.ones((2, 5)), np.zeros((2, 4)), 1.0, 1.0, 1.0, (0.0, 0.0, 0.0, 0.0))
-    one, zero, place = np.ones(1), np.zeros(1, dtype=np.int64), np.zeros((1, 2))
-    mixture(place, zero, place, zero, one, 1.0, 1.0)
-    mixtures(np.zeros((1, 1)), zero, place, zero, one, one)
 
 
 def _taller_m(height_m: float) -> float:

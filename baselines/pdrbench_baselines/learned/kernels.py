@@ -1,4 +1,4 @@
-"""Compiled: attitudes between samples, signals on a grid, and densities of scans."""
+"""Compiled: attitudes between samples, and signals on a grid."""
 
 from __future__ import annotations
 
@@ -8,57 +8,6 @@ from typing import Any
 import numpy as np
 
 from pdrbench.compiled import compiled
-
-FAR = 36.0  # half a squared deviation: 2e-16 of what is near
-
-
-@compiled
-def mixture(xy_m: Any, level: Any, at_m: Any, at_level: Any, weight: Any, spread_m: float, everywhere: float) -> Any:
-    """(N,) what is everywhere, and on their levels K normal densities (K, 2) by weight (K,), without their factor."""
-    density, half = np.empty(len(xy_m)), 0.5 / spread_m**2
-    for n in range(len(xy_m)):
-        x, y, here, total = xy_m[n, 0], xy_m[n, 1], level[n], everywhere
-        for k in range(len(weight)):
-            off = ((x - at_m[k, 0]) ** 2 + (y - at_m[k, 1]) ** 2) * half
-            if off < FAR and at_level[k] == here:
-                total += weight[k] * math.exp(-off)
-        density[n] = total
-    return density
-
-
-@compiled
-def mixtures(distance: Any, asked: Any, xy_m: Any, level: Any, softness: Any, spread_m: Any) -> Any:
-    """(A, B, Q) the same at the places of Q scans `asked` of all S, which count by their distances (Q, S) from these.
-
-    A distance loses 1 / e over softness (A,); infinite ones do not count. The densities spread by (B,).
-    """
-    found = np.zeros((len(softness), len(spread_m), len(asked)))
-    soft, near = np.empty(len(softness)), np.empty(len(spread_m))
-    total = np.empty(len(softness))
-    for q in range(len(asked)):
-        nearest, own = distance[q].min(), asked[q]
-        for a in range(len(soft)):
-            total[a] = 0.0
-        for s in range(len(xy_m)):
-            if distance[q, s] == np.inf:
-                continue
-            for a in range(len(soft)):
-                off = (distance[q, s] - nearest) / softness[a]
-                soft[a] = math.exp(-off) if off < FAR else 0.0
-                total[a] += soft[a]
-            if level[s] != level[own]:
-                continue
-            away_m2 = (xy_m[s, 0] - xy_m[own, 0]) ** 2 + (xy_m[s, 1] - xy_m[own, 1]) ** 2
-            for b in range(len(near)):
-                off = 0.5 * away_m2 / spread_m[b] ** 2
-                near[b] = math.exp(-off) if off < FAR else 0.0
-            for a in range(len(soft)):
-                for b in range(len(near) if soft[a] > 0.0 else 0):
-                    found[a, b, q] += soft[a] * near[b]
-        for a in range(len(soft)):
-            for b in range(len(near)):
-                found[a, b, q] /= total[a]
-    return found
 
 
 @compiled

@@ -2,23 +2,23 @@
 
 A network's errors are of two kinds: what differs from second to second, which its covariance describes, and what a walk
 keeps, the length of this person's steps and the yaw between phone and person. The second kind is a state: walls
-reveal it. A wall kills a particle, and it comes back beside a live one, with nearly its state. Where there is a radio
-survey, scans choose between particles, and where the start is unknown the first scan gives it.
+reveal it. A wall kills a particle, and it comes back beside a live one, with nearly its state.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
-from pdrbench.filters import MapFilter, level_map, systematic
+from pdrbench.filters import MapFilter, level_map
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench_baselines.learned.wlan import ScanPlaces
+from pdrbench_baselines.backward import StoredCloud, Transition, gaussian
+from pdrbench_baselines.learned.reckoning import Move
 
 TRIES: Final = 4  # to place a particle without a wall between
 SHRINK: Final = 0.6  # of the spread from one try to the next: else all behind walls would crowd on the place
@@ -37,9 +37,6 @@ class LearnedMapFilterParams:
         bias_walk_rad: By which it wanders in a second.
         near_m: Of the jitter around a live particle, per axis.
         near_scale, near_bias_rad: Of its state.
-        scan_trust: Power of what a scan says: neighbouring scans err alike, so that none is news of its own.
-        drawn_trust: The same of a survey whose places were interpolated between surveyed ones.
-        lost_fraction: How often, at a scan, all particles are in the wrong place.
     """
 
     num_particles: int = 2000
@@ -50,13 +47,10 @@ class LearnedMapFilterParams:
     near_m: float = 0.2  # as Li et al. 2012 here
     near_scale: float = 0.01
     near_bias_rad: float = math.radians(1.0)
-    scan_trust: float = 0.5
-    drawn_trust: float = 0.2
-    lost_fraction: float = 0.002
 
 
 class LearnedMapFilter(MapFilter):
-    """See the module; `begin_near` or `begin_among` comes first.
+    """See the module; `begin_near` comes first.
 
     Args:
         building: The map.
@@ -91,34 +85,6 @@ class LearnedMapFilter(MapFilter):
     def begin_near(self, xy_m: FloatArray, radius_m: float = 0.0) -> None:
         """Around a place (2,), known to lie in a disc; off the floor it is taken to the nearest floor of its level."""
         self._begin_around(np.asarray(xy_m, dtype=np.float64), max(self._params.start_sigma_m, radius_m / 2))
-
-    def begin_among(self, places: ScanPlaces) -> None:
-        """Where a scan may have been received."""
-        self._put_among(np.arange(self.num_particles), places, self._rng_start)
-        self._locate(on_level=True)
-
-    def weigh(self, places: ScanPlaces, *, trust: float, may_be_lost: bool) -> None:
-        """Chooses between particles by the density of a scan at their places.
-
-        Args:
-            places: Where the scan may have been received.
-            trust: Power of that density.
-            may_be_lost: Whether some particles are put where the scan was received, more if all others are unlikely.
-        """
-        p, rng = self._params, self._rng_scans
-        weight = places.density_per_m2(self.particles_xy_m, self.particles_level) ** trust
-        lost = p.lost_fraction * places.area_m2**-trust  # a scan received just anywhere has this density
-        fraction = lost / (lost + float(weight.mean())) if may_be_lost else 0.0
-        start, pick, fresh, jitter = rng.spawn(4)
-        chosen = systematic(weight, start.random())
-        twin = np.flatnonzero(np.diff(chosen, prepend=-1) == 0)
-        self._local_m, self._cell = self._local_m[chosen], self._cell[chosen]
-        self.scale, self.bias_rad = self.scale[chosen], self.bias_rad[chosen]
-        self.scale[twin] *= np.exp(p.near_scale * jitter.standard_normal(len(twin)))
-        self.bias_rad[twin] += p.near_bias_rad * jitter.standard_normal(len(twin))
-        moved = np.flatnonzero(pick.random(p.num_particles) < fraction)
-        self._put_among(moved, places, fresh)
-        self._locate(on_level=True)
 
     def change_level(self, levels: int, *, by_lift: bool) -> None:
         """So many levels up, by a change of pressure."""
@@ -163,18 +129,6 @@ class LearnedMapFilter(MapFilter):
     def _inherit(self, which: IntArray, chosen: IntArray) -> None:
         """Particles (n,) that are put beside others (n,) take what those keep besides; here nothing."""
 
-    def _put_among(self, which: IntArray, places: ScanPlaces, rng: np.random.Generator) -> None:
-        """Puts particles among surveyed places, by weight; those off this map are left out."""
-        assert self._map is not None
-        on_map = np.isin(places.level, self._map.level)
-        if not on_map.any() or not len(which):
-            return
-        weight = places.weight * on_map
-        drawn = rng.choice(len(weight), size=len(which), p=weight / weight.sum())
-        drawn, number = np.unique(drawn, return_inverse=True)
-        near_m, cell = self._on_floor(places.xy_m[drawn], places.level[drawn])
-        self._scatter(which, near_m[number], cell[number], places.spread_m, rng, tries=TRIES, shrink=SHRINK)
-
     def _on_floor(self, xy_m: FloatArray, level: IntArray) -> tuple[FloatArray, NDArray[np.int32]]:
         """(n, 2) local, and (n,) cells: the nearest floor to places (n, 2) on levels (n,) of the map."""
         assert self._map is not None
@@ -186,3 +140,43 @@ class LearnedMapFilter(MapFilter):
     def _begin_around(self, xy_m: FloatArray, sigma_m: float) -> None:
         self._spread(self._params.num_particles, xy_m, sigma_m, self._rng_start, tries=TRIES, shrink=SHRINK)
         self._locate(on_level=True)
+
+
+def debug_of(cloud: LearnedMapFilter | None) -> dict[str, NDArray[Any]]:
+    """What `debug` says of particles; None before there are any."""
+    if cloud is None:
+        return {"num_particles": np.array(0)}
+    return {
+        "particles_xy_m": cloud.particles_xy_m,
+        "particles_level": cloud.particles_level,
+        "num_particles": np.array(cloud.num_particles),
+        "resets": np.array(cloud.resets),
+        "scale": np.array(cloud.mean_scale),
+        "bias_rad": np.array(cloud.mean_bias_rad),
+    }
+
+
+def stored(cloud: LearnedMapFilter, t_s: float) -> StoredCloud:
+    """Particles as backward sampling takes them: place, logarithm of the factor on lengths, error of the heading."""
+    state = np.column_stack([cloud.particles_xy_m, np.log(cloud.scale), cloud.bias_rad])
+    weight = np.ones(len(state))
+    return StoredCloud(t_s, state, cloud.particles_level, cloud.particles_cell, weight, cloud.line_check())
+
+
+def motion_of(move: Move, params: LearnedMapFilterParams, turn_rad: float = 0.0) -> Transition:
+    """The motion of particles in a second, with the jitter that renewal adds to their state.
+
+    Errors of headings are less by `turn_rad` from that second on.
+    """
+    p = params
+    covariance = np.diag(np.square([p.near_m, p.near_m, p.scale_sigma / 4, p.bias_walk_rad + p.bias_sigma_rad / 6]))
+    covariance[:2, :2] += move.covariance_m2
+
+    def expected(state: FloatArray) -> FloatArray:
+        log_scale, bias_rad = state[:, 2], state[:, 3] - turn_rad
+        cosine, sine = np.cos(bias_rad), np.sin(bias_rad)
+        (x_m, y_m), scale = move.move_m, np.exp(log_scale)
+        steps = np.column_stack([cosine * x_m - sine * y_m, sine * x_m + cosine * y_m]) * scale[:, None]
+        return np.column_stack([state[:, :2] + steps, log_scale, bias_rad])
+
+    return gaussian(expected, covariance)

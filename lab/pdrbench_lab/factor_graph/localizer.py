@@ -85,7 +85,7 @@ class FactorGraph(NetworkLocalizer):
         briefing.require(start=True)
         assert briefing.start is not None
         if briefing.carrier != PHONE:
-            raise UnsuitableError("its priors are those of a phone; on a foot take learned_map")
+            raise UnsuitableError("its priors are those of a phone; on a foot take fusion")
         self._begin(briefing)
         self._building, start = briefing.building, briefing.start
         self._radio = self._fitted(briefing)

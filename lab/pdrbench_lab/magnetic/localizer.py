@@ -13,7 +13,7 @@ from pdrbench.radio import middle_of_survey
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.params import FusionParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
-from pdrbench_baselines.learned.localizer import stored
+from pdrbench_baselines.learned.map_filter import stored
 from pdrbench_baselines.learned.reckoning import Move
 from pdrbench_lab.magnetic.cloud import MagneticCloud
 from pdrbench_lab.magnetic.evidence import SENSORS, MagneticEvidence, MagneticEvidenceParams
@@ -94,7 +94,7 @@ class MagneticFusion(Fusion):
 class Magnetic(MagneticFusion):
     """Displacements of `learned` on the map, and samples of the magnetic field; no radio map is used.
 
-    Needs what `learned_map` needs, a magnetic survey, a magnetometer and a rotation vector. Where the start is not
+    Needs what `learned` needs, a plan, a magnetic survey, a magnetometer and a rotation vector. Where the start is not
     known, a cloud on every surveyed level begins evenly over what was surveyed there, with the first second.
     """
 

@@ -19,13 +19,13 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
+from pdrbench_baselines.gp_wifi.scan_places import ScanLocator
 from pdrbench_baselines.learned.compiled import compiled_network
-from pdrbench_baselines.learned.localizer import Learned, LearnedMap
+from pdrbench_baselines.learned.localizer import Learned
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Reckoner
 from pdrbench_baselines.learned.row_checks import check_rows
 from pdrbench_baselines.learned.signals import grid_signals, turned
-from pdrbench_baselines.learned.wlan import ScanLocator
 
 SENSORS = ("accel", "gyro", "rotation")
 
@@ -281,57 +281,6 @@ def test_a_scan_in_parts_is_one_scan_and_unknown_access_points_are_ignored() -> 
     assert list(parts.update(unknown_rows)) == []
 
 
-def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
-    survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    cloud = LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(lost_fraction=0.0), 0)
-    cloud.begin_near(np.array([15.0, 0.0]), radius_m=30.0)
-    before_m = cloud.sigma_m
-    for second in range(6):
-        for places in survey.update(scan_at([28.0, 0.0], 2.0 * second)):
-            cloud.weigh(places, trust=0.5, may_be_lost=False)
-    assert np.hypot(*(cloud.xy_m - [28.0, 0.0])) < 2.0
-    assert cloud.sigma_m < before_m / 2
-
-
-def test_a_lost_localizer_recovers(rng: np.random.Generator) -> None:
-    survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    clouds = [LearnedMapFilter(bare_ring(), rng, LearnedMapFilterParams(), 0) for _ in range(2)]
-    for cloud, may_be_lost in zip(clouds, (False, True), strict=True):
-        cloud.begin_near(np.array([0.0, 0.0]))
-        for second in range(8):
-            for places in survey.update(scan_at([30.0, 15.0], 2.0 * second)):
-                cloud.weigh(places, trust=0.5, may_be_lost=may_be_lost)
-    stays_m, found_m = (np.hypot(*(cloud.xy_m - [30.0, 15.0])) for cloud in clouds)
-    assert found_m < 4.0 < 25.0 < stays_m
-
-
-def test_an_unknown_start_is_found_by_the_first_scan(rng: np.random.Generator) -> None:
-    localizer, rows = LearnedMap(), phone(rng)
-    localizer.reset(briefing_with(start=None), rng)
-    nothing = {name: one[:0] for name, one in rows.items()}
-    before = localizer.step(Observation(0.0, nothing | {"wifi": np.zeros((0, 5))}))
-    assert before.converged is False and before.sigma_m is None
-    after = localizer.step(Observation(0.2, nothing | {"wifi": scan_at([31.0, 10.0])}))
-    assert np.hypot(*(after.xy_m - [31.0, 10.0])) < 3.0
-    assert after.sigma_m is not None and after.sigma_m > 0.5
-    assert after.converged is True
-
-
-def test_a_level_without_a_survey_is_walked_without_scans(rng: np.random.Generator) -> None:
-    elsewhere = dataclasses.replace(survey_of(RING_M), level=np.ones(len(RING_M), dtype=np.int64))
-    found = []
-    for radio_map in (None, elsewhere):
-        localizer = LearnedMap()
-        localizer.reset(briefing_with(radio_map=radio_map), np.random.default_rng(1))
-        found.append(
-            [
-                localizer.step(Observation(t, part)).xy_m
-                for t, part in windows_of_sources(phone(np.random.default_rng(2)))
-            ]
-        )
-    np.testing.assert_array_equal(*found)
-
-
 def windows_of_sources(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dict[str, FloatArray]]]:
     """Observations every 0.2 s, with a scan every 2 s."""
     for k in range(1, 41):
@@ -346,13 +295,3 @@ def test_the_claim_grows_with_the_way(rng: np.random.Generator) -> None:
     claims = [localizer.step(Observation(now_s, part)).sigma_m for now_s, part in windows_of_sources(phone(rng))]
     assert claims[0] < claims[-1]
     assert all(math.isfinite(one) and one > 0 for one in claims)
-
-
-def test_the_revised_past_stays_near_to_the_answers_on_the_way() -> None:
-    localizer = LearnedMap()
-    localizer.reset(briefing_with(), np.random.default_rng(1))
-    parts = windows_of_sources(phone(np.random.default_rng(2)))
-    answers_m = [localizer.step(Observation(now_s, part)).xy_m for now_s, part in parts]
-    track = localizer.revise()
-    assert len(track) == len(answers_m)
-    assert 0 < np.hypot(*(track[:, 1:3] - np.array(answers_m)).T).mean() < 5.0

@@ -16,10 +16,9 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.radio import ScanMatcher, middle_of_survey
+from pdrbench.radio import ScanMatcher
 from pdrbench.recording import RadioMap, SensorSpec
-from pdrbench.trajectory import Start
-from pdrbench_baselines.learned.kernels import mixture, mixtures
+from pdrbench_baselines.gp_wifi.kernels import mixture, mixtures
 
 SOFTNESS: Final = (0.005, 0.01, 0.02, 0.04, 0.08)  # cosine distances over which a fingerprint loses 1 / e
 SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was received around the place of its fingerprint, per axis
@@ -51,12 +50,6 @@ class ScanPlaces:
     area_m2: float
     nearest: float = 0.0
 
-    @property
-    def likeliest_level(self) -> int:
-        """That of most weight."""
-        levels, which = np.unique(self.level, return_inverse=True)
-        return int(levels[np.argmax(np.bincount(which, self.weight))])
-
     def density_per_m2(self, xy_m: FloatArray, level: IntArray) -> FloatArray:
         """(N,) at places (N, 2) on levels (N,); nowhere 0."""
         scale = (1.0 - self.astray) / (2.0 * math.pi * self.spread_m**2)
@@ -77,15 +70,10 @@ class ScanLocator:
         self.radio_map = radio_map
         self._matcher = ScanMatcher(radio_map, wifi)
         self._table = self._matcher.table
-        self.levels = frozenset(self._table.level.tolist())
         levels = [self._table.xy_m[self._table.level == level] for level in np.unique(self._table.level)]
         # Rectangles around the survey of every level, 100 m2 at least.
         self._area_m2 = float(sum(max(float(np.prod(np.ptp(xy_m, axis=0))), 100.0) for xy_m in levels))
         self.softness, self.spread_m, self.astray = self._settings()
-
-    def middle(self) -> Start:
-        """See `middle_of_survey`."""
-        return middle_of_survey(self._table.xy_m, self._table.level)
 
     def forget(self) -> None:
         """Begins another walk."""
