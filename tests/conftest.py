@@ -138,8 +138,10 @@ def command(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports have their first figure only; the tests of `report` draw all of them."""
+    """Reports have their first figure only, of few pixels; the tests of `report` draw all of them."""
     from pdrbench.report import folder
+
+    monkeypatch.setattr(folder, "DPI", 40)
 
     draw = folder._figures
     monkeypatch.setattr(folder, "_figures", lambda *given: itertools.islice(draw(*given), 1))

@@ -131,7 +131,7 @@ COMMANDS = [
     ["check", "localizer", "tiny-v0", "--env", "Tiny-v0", "--json"],
     ["inspect", "log.txt", "--json"],
     ["convert", "log.txt", "walk", "--json"],
-    ["compare", "--env", "Tiny-v0", "--localizer", "tiny-v0", "--json"],
+    ["run", "tiny-v0", "Tiny-v0", "--json"],
     ["tiny"],
 ]
 # One process for all commands, since starting one costs more than most of them.
@@ -192,5 +192,5 @@ def test_additions_are_listed_checked_and_used(tmp_path: Path) -> None:
     assert len(checks) > 10 and all(check["pass"] for check in checks)
     assert found["inspect log.txt --json"]["format"] == found["convert log.txt walk --json"]["from"] == "tiny"
     assert (work / "walk" / "stream.thermometer.npy").is_file()
-    (row,) = found["compare --env Tiny-v0 --localizer tiny-v0 --json"]["rows"]
+    (row,) = found["run tiny-v0 Tiny-v0 --json"]["rows"]
     assert row["metrics"]["mean_m"]["value"] < 1e-4 and row["metrics"]["tiny_m"]["value"] == 4.25

@@ -26,7 +26,7 @@ BINARY: Final = ("ros", "ronin")
 
 @pytest.fixture(scope="module")
 def short_walk() -> Rows:
-    return samples.make_walk(3.0)
+    return samples.make_walk(1.5)
 
 
 @pytest.mark.parametrize("name", [name for name, sample in SAMPLES.items() if sample.reader not in BINARY])

@@ -21,6 +21,12 @@ from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk, levels_to_show
 
 
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pixels take most of the time of a picture."""
+    monkeypatch.setattr(folder_module, "DPI", 40)
+
+
 @pytest.fixture
 def part(corridor: SimpleNamespace) -> SplitResults:
     near = [corridor.result("near", walk, 1.0 + i, seed) for i, walk in enumerate(corridor.WALKS) for seed in (0, 1)]
