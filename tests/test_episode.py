@@ -68,16 +68,13 @@ def test_the_last_observation_reaches_the_end_and_rows_that_fit_nowhere_are_an_e
         make_episode([1.0] * 5, 1.0, capacity=3)
 
 
-def test_an_observation_does_not_expose_the_future_or_the_recording() -> None:
+def test_observe_and_submit_alternate_and_expose_neither_future_nor_recording() -> None:
     episode = make_episode([0.0, 0.1, 0.6], 1.0)
     rows = episode.observe()["accel"]
     assert rows.base is None
     rows[:] = -1.0
     episode.submit(None)
     assert episode.observe()["accel"][0, 1] == 1.0
-
-
-def test_observe_and_submit_alternate() -> None:
     episode = make_episode([0.0], 1.0)
     with pytest.raises(EstimateError, match="observe"):
         episode.submit(Estimate(np.zeros(2), 0))

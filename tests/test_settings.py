@@ -100,10 +100,14 @@ def test_a_setting_sets_a_field_to_a_value_of_its_type(file: str, query: str, fi
     assert found == value and type(found) is type(value)
 
 
-def test_a_factory_has_defaults_of_its_own(file: str) -> None:
+def test_a_factory_has_defaults_of_its_own_and_a_localizer_without_params_no_settings(file: str) -> None:
     params = make_localizer(f"{file}:made?kld=false").params  # type: ignore[attr-defined]
     assert params.weights == "other" and not params.kld and params.detector.value == "shoe"
     assert make_localizer(f"{file}:made?detector=mv").params.detector.value == "mv"  # type: ignore[attr-defined]
+    with pytest.raises(SettingsError, match=r"mine.py:Plain takes no settings; got \?kld=false"):
+        make_localizer(f"{file}:Plain?kld=false")
+    with pytest.raises(SettingsError, match="leave one of them out"):
+        make_localizer(f"{file}:Mine?kld=false", params=None)
 
 
 @pytest.mark.parametrize(
@@ -127,13 +131,6 @@ def test_a_factory_has_defaults_of_its_own(file: str) -> None:
 def test_what_cannot_be_set_says_what_can(file: str, query: str, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         load_localizer(f"{file}:Mine?{query}")
-
-
-def test_a_localizer_without_params_takes_no_settings(file: str) -> None:
-    with pytest.raises(SettingsError, match=r"mine.py:Plain takes no settings; got \?kld=false"):
-        make_localizer(f"{file}:Plain?kld=false")
-    with pytest.raises(SettingsError, match="leave one of them out"):
-        make_localizer(f"{file}:Mine?kld=false", params=None)
 
 
 def test_the_stored_name_is_sorted_and_has_no_defaults(file: str) -> None:

@@ -21,11 +21,15 @@ def test_arrays_cannot_be_changed_through_the_record_or_the_source() -> None:
         trajectory.xy_m[0, 0] = 1.0
 
 
-def test_scored_keeps_exactly_the_surveyed_rows() -> None:
+def test_scored_keeps_the_surveyed_rows_and_a_start_needs_two_coordinates() -> None:
     scored = make(z_m=[0.0, 1.0, 2.0]).scored()
     assert scored.t_s.tolist() == [1.0, 2.0]
     assert scored.z_m is not None and scored.z_m.tolist() == [1.0, 2.0]
     assert scored.heading_rad is None
+    with pytest.raises(RecordingError, match="two finite"):
+        Start(xy_m=np.array([0.0, np.nan]), level=0)
+    with pytest.raises(RecordingError, match="radius"):
+        Start(xy_m=np.zeros(2), level=0, radius_m=-1.0)
 
 
 @pytest.mark.parametrize(
@@ -42,13 +46,6 @@ def test_scored_keeps_exactly_the_surveyed_rows() -> None:
 def test_a_bad_reference_is_refused_by_row(changes: dict[str, object], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         make(**changes)
-
-
-def test_start_needs_two_finite_coordinates() -> None:
-    with pytest.raises(RecordingError, match="two finite"):
-        Start(xy_m=np.array([0.0, np.nan]), level=0)
-    with pytest.raises(RecordingError, match="radius"):
-        Start(xy_m=np.zeros(2), level=0, radius_m=-1.0)
 
 
 def test_estimates_say_which_rows_were_given() -> None:

@@ -57,12 +57,17 @@ def test_a_walk_on_a_level_without_a_survey_is_declined(rng: np.random.Generator
         WifiKnn().reset(dataclasses.replace(brief(), start=Start(np.zeros(2), 2)), rng)
 
 
-def test_holds_its_answer_without_a_known_access_point(rng: np.random.Generator) -> None:
+def test_it_holds_its_answer_without_a_known_access_point_and_the_start_before_a_scan(rng: np.random.Generator) -> None:
     localizer = WifiKnn()
     localizer.reset(brief(), rng)
     before = observe(localizer, scan(1.0, ap1=-40, ap2=-80, ap3=-90))
     assert observe(localizer, scan(2.0, ap99=-30)) == before
     assert observe(localizer, np.zeros((0, 5))) == before
+    localizer = WifiKnn()
+    localizer.reset(brief(), rng)
+    assert observe(localizer, np.zeros((0, 5))) == ([10.0, 0.0], 0)
+    localizer.reset(dataclasses.replace(brief(), start=Start(np.array([1.0, 2.0]), 1)), rng)
+    assert observe(localizer, np.zeros((0, 5))) == ([1.0, 2.0], 1)
 
 
 def test_a_scan_in_two_parts_is_one_scan(rng: np.random.Generator) -> None:
@@ -72,11 +77,3 @@ def test_a_scan_in_two_parts_is_one_scan(rng: np.random.Generator) -> None:
     rows = scan(1.0, ap1=-60, ap2=-60, ap3=-90)
     observe(parts, rows[:1])
     assert observe(parts, rows[1:]) == observe(whole, rows)
-
-
-def test_before_the_first_scan_it_answers_the_start_or_the_middle_of_the_survey(rng: np.random.Generator) -> None:
-    localizer = WifiKnn()
-    localizer.reset(brief(), rng)
-    assert observe(localizer, np.zeros((0, 5))) == ([10.0, 0.0], 0)
-    localizer.reset(dataclasses.replace(brief(), start=Start(np.array([1.0, 2.0]), 1)), rng)
-    assert observe(localizer, np.zeros((0, 5))) == ([1.0, 2.0], 1)

@@ -14,7 +14,7 @@ NEXT = [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
 WALLS = [WALL] * 4
 
 
-def test_area_levels_heights(house: Building) -> None:
+def test_area_levels_heights_and_edges_that_follow_the_rings(house: Building) -> None:
     hall, room, treads, gallery = 76 - 1, 36, 2 * 0.29 * 12, 16 * 3
     assert house.area_m2 == pytest.approx(hall + room + treads + gallery)
     assert house.levels == (0, 1)
@@ -22,9 +22,6 @@ def test_area_levels_heights(house: Building) -> None:
     assert house.level([0, 2, 13, 14]).tolist() == [0, 0, 1, 1]
     assert house.bounds_m() == (0, 0, 16, pytest.approx(12.48))
     assert house.bounds_m(0) == (0, 0, 16, 10)
-
-
-def test_packed_edges_follow_the_rings(house: Building) -> None:
     for p, polygon in enumerate(house.polygons):
         own = slice(house.first_edge[p], house.first_edge[p + 1])
         assert (house.edge_polygon[own] == p).all()

@@ -15,11 +15,17 @@ def region() -> FloorRegion:
     return FloorRegion(np.array(corners, dtype=float), np.array([7, 7, 3]))
 
 
-def test_area_counts_holes_and_treads(house: Building):
+def test_area_counts_holes_and_treads_and_samples_are_inside(house: Building, rng: np.random.Generator):
     whole = FloorRegion.whole(house)
     assert whole.area_m2 == pytest.approx(house.area_m2, rel=1e-12)
     for polygon, piece in enumerate(house.polygons):
         assert whole.restricted(whole.polygon == polygon).area_m2 == pytest.approx(piece.area_m2, rel=1e-12)
+    whole = FloorRegion.whole(house)
+    polygon, xy_m = whole.sample(rng, 5000)
+    assert whole.contains(polygon, xy_m).all()
+    assert (house.locate(xy_m, house.level(polygon)) >= 0).all()
+    drawn_from = whole.restricted(whole.polygon == 3)
+    assert (drawn_from.sample(rng, 50)[0] == 3).all()
 
 
 def test_sampling_is_uniform_by_area(region: FloorRegion, rng: np.random.Generator):
@@ -32,15 +38,6 @@ def test_sampling_is_uniform_by_area(region: FloorRegion, rng: np.random.Generat
     x, y = xy_m[number == 1].T
     assert stats.kstest(y / (4 - 2 * (x - 2)), "uniform").pvalue > 1e-4
     assert stats.kstest((1 - (x - 2) / 2) ** 2, "uniform").pvalue > 1e-4
-
-
-def test_samples_are_inside(house: Building, rng: np.random.Generator):
-    whole = FloorRegion.whole(house)
-    polygon, xy_m = whole.sample(rng, 5000)
-    assert whole.contains(polygon, xy_m).all()
-    assert (house.locate(xy_m, house.level(polygon)) >= 0).all()
-    drawn_from = whole.restricted(whole.polygon == 3)
-    assert (drawn_from.sample(rng, 50)[0] == 3).all()
 
 
 def test_contains_asks_for_the_polygon_and_counts_the_boundary(region: FloorRegion):

@@ -30,7 +30,7 @@ def no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
 
 
-def test_environments_list_what_they_offer_and_what_is_missing(command: Any) -> None:
+def test_environments_list_what_they_offer_and_what_is_missing_for_people_too(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "envs", "--json").json["items"]}
     assert set(items) >= set(environments())
     office, mall = items["CampusStride-v1"], items["MallPhone-v2"]
@@ -38,9 +38,6 @@ def test_environments_list_what_they_offer_and_what_is_missing(command: Any) -> 
     assert "stride" in office["sensors"] and office["broken"] is None
     assert not mall["available"] and "pdrbench data fetch ilc20" in mall["missing"]
     assert mall["splits"] and mall["licence"] and mall["dataset"] == "ilc20_full"  # known without the data
-
-
-def test_environments_for_people(command: Any) -> None:
     outcome = command("list", "envs")
     assert outcome.code == 0
     (line,) = [line for line in outcome.out.splitlines() if line.strip().startswith("CampusStride-v1")]
@@ -63,15 +60,12 @@ def test_what_is_registered_fits_on_a_screen(
     assert len(lines) + len(outcome.err.splitlines()) - of_others <= 40
 
 
-def test_localizers_describe_what_they_do(command: Any) -> None:
+def test_localizers_describe_what_they_do_and_metrics_their_unit_and_direction(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "localizers", "--json").json["items"]}
     assert set(items) >= set(localizers())
     assert items["oracle"]["is_told_the_truth"] and not items["stay"]["is_told_the_truth"]
     assert all(item["summary"] for item in items.values() if not item["broken"])
     assert items["stay"]["summary"][:30] in " ".join(command("list", "localizers").out.split())
-
-
-def test_metrics_list_unit_and_direction(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "metrics", "--json").json["items"]}
     assert items["mean_m"]["unit"] == "m" and items["mean_m"]["better"] == "lower"
     assert items["level_hit_rate"]["better"] == "higher"

@@ -125,14 +125,11 @@ def test_what_was_revised_stands_below_and_is_marked(capsys: pytest.CaptureFixtu
     ]
 
 
-def test_strata_are_lines_below(capsys: pytest.CaptureFixture[str]) -> None:
+def test_strata_are_lines_below_and_names_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     value = {"value": 3.25, "unit": "m", "low": 2.0, "high": 5.0, "n": 4}
     part = {"by": "group", "name": "ring", "walks": 4, "places": 40, "metrics": {"p75_geometric_m": value}}
     scoreboard.print_scores([{**row("near", mean_m=2.0), "strata": [part]}])
     assert "ring: 4 walks, p75_geometric_m" in (out := capsys.readouterr().out) and "3.25" in out
-
-
-def test_names_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     scoreboard.print_scores([row("my[red].py:Mine?x=1", mean_m=1.0)])
     assert "my[red].py:Mine?x=1" in capsys.readouterr().out
 

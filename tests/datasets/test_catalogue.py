@@ -44,14 +44,11 @@ def test_ilc20_carries_the_facts_that_environments_need() -> None:
             assert file.url.endswith(".txt") and len(file.source_blob) == 40 and file.content_sha256
 
 
-def test_nothing_but_the_floor_is_told_of_the_walks_of_a_sealed_set() -> None:
+def test_neither_walks_of_sealed_sets_nor_names_of_people_are_told() -> None:
     """A localizer can read the tables, so that counts or durations would tell it which walk it plays."""
     walks = [file for file in dataset("ilc20_full").files if file.role == "path"]
     assert len(walks) == 698
     assert all(set(file.facts) == {"site", "floor"} and file.recipe == "xz" for file in walks)
-
-
-def test_names_of_people_in_the_sources_are_not_registered() -> None:
     subjects = {file.facts["subject"] for file in dataset("phone_steps").files if "subject" in file.facts}
     assert dataset("phone_steps").by_content and subjects == {"A", "B"}
     for file in dataset("phone_steps").files:

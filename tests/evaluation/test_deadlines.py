@@ -40,15 +40,12 @@ def guarded(pace: float, slack_s: float, start_s: float) -> Iterator[Deadlines]:
         deadlines.stop()
 
 
-def test_a_step_may_use_the_unused_time_of_others() -> None:
+def test_a_step_may_use_the_unused_time_of_others_and_revise_has_a_budget_of_its_own() -> None:
     with guarded(0.1, 0.2, 1.0) as deadlines:
         with deadlines("step"):
             time.sleep(0.2)
         with pytest.raises(LocalizerTimeout, match=r"timeout: step 3 took longer than the 0\.\d+ s"), deadlines("step"):
             time.sleep(1.0)
-
-
-def test_revise_has_a_budget_of_its_own() -> None:
     with guarded(0.05, 0.0, 0.3) as deadlines:
         with deadlines("revise"):
             time.sleep(0.1)

@@ -42,16 +42,13 @@ def test_dense_wifi_needs_wifi_and_a_survey(task_maker) -> None:
         DenseWifi(LocalizationEnv(task_maker({"wifi": 512}, radio_map=lambda recording: None)))
 
 
-def test_relative_actions_add_up_in_the_building_frame(task_maker) -> None:
+def test_relative_actions_add_up_and_turn_before_they_move(task_maker) -> None:
     env = RelativeAction(LocalizationEnv(task_maker({"accel": 24})), max_move_m=4.0)
     env.reset(seed=0)
     x_m, y_m, level = env.unwrapped.position
     for action in ([0.25, -0.5, 0.4], [0.0, 0.0, 0.5], [np.nan, 0.0, 1.0], [0.25, -9.0, -0.6]):
         env.step(np.array(action, dtype=np.float32))
     assert env.unwrapped.position == pytest.approx((x_m + 2.0, y_m - 2.0 - 4.0, level))
-
-
-def test_relative_actions_turn_and_then_move(task_maker) -> None:
     env = RelativeAction(LocalizationEnv(task_maker({"accel": 24})), frame="heading", max_move_m=2.0)
     env.reset(seed=0)
     x_m, y_m, level = env.unwrapped.position

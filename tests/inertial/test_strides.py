@@ -65,16 +65,13 @@ def test_adding_strides_gives_the_path_back() -> None:
     np.testing.assert_allclose(np.cumsum(strides.rise_m), places[1:, 2], atol=1e-9)
 
 
-def test_a_stride_in_place_carries_the_yaw_of_the_foot() -> None:
+def test_heading_and_yaw_are_kept_apart_and_a_stride_in_place_carries_the_yaw() -> None:
     """W3: a foot moved by less than 0.1 m has no heading; turning on the spot still counts."""
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.05, 0.0), (1.0, 1.05, 0.0)]
     strides = find_strides(walk(places, [0.0, 0.0, np.pi / 2, np.pi / 2]))
     np.testing.assert_allclose(strides.turn_rad, [0.0, np.pi / 2, 0.0], atol=1e-9)
     np.testing.assert_allclose(strides.heading_rad, [0.0, np.pi / 2, np.pi / 2], atol=1e-9)
-
-
-def test_heading_and_yaw_are_kept_apart() -> None:
-    """A foot that points outwards by 0.2 rad does not turn the walk; the step sensor takes it back (F8)."""
+    # A foot that points outwards by 0.2 rad does not turn the walk; the step sensor takes it back (F8).
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
     strides = find_strides(walk(places, [0.2, 0.2, 0.5]))
     np.testing.assert_allclose(strides.heading_rad, 0.0, atol=1e-12)
@@ -114,16 +111,13 @@ def test_creep_during_a_rest_is_not_lost_and_a_foot_that_stands_makes_no_strides
     assert not len(find_strides(states).length_m)
 
 
-def test_strides_of_a_running_foot_end_at_its_slowest_moments() -> None:
+def test_strides_of_a_running_foot_end_at_its_slowest_moments_and_a_walking_swing_is_none() -> None:
     places = [(2.0 * k, 0.0, 0.0) for k in range(8)]
     states = walk(places, [0.0] * 8, rest_s=0.1, swing_s=0.65, rest_sigma=0.2)
     strides = find_strides(states)
     assert len(strides.length_m) == 6  # the last stance is not over yet
     np.testing.assert_allclose(strides.length_m, 2.0, atol=1e-9)
-
-
-def test_a_walking_swing_is_never_taken_for_a_running_rest() -> None:
-    """In mid-swing sigma dips to 0.5 m/s: no rest for a foot that rested 0.3 s ago, nor one where it is set down."""
+    # In mid-swing sigma dips to 0.5 m/s: no rest for a foot that rested 0.3 s ago, nor one where it is set down.
     states = walk(SQUARE, [0.0] * 5, swing_s=0.7)
     swing = np.isinf(states.rest.sigma_mps)
     states.rest.sigma_mps[swing] = 0.5

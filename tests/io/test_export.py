@@ -28,23 +28,17 @@ def track() -> Estimates:
     return Estimates(np.arange(5) / 3, xy_m, level, np.array([0.0, np.pi / 2, NAN, NAN, NAN]), nothing, nothing)
 
 
-def test_csv_reads_back_to_the_last_bit(track: Estimates, tmp_path: Path) -> None:
+def test_tracks_are_written_as_csv_tum_and_geojson(track: Estimates, tmp_path: Path) -> None:
     write_path(tmp_path / "a.csv", track)
     with (tmp_path / "a.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["t_s"]) for row in rows] == track.t_s.tolist()
     assert [float(row["x_m"]) for row in rows if row["x_m"]] == track.xy_m[track.given, 0].tolist()
     assert rows[2]["level"] == ""
-
-
-def test_tum_has_turns_about_z_and_the_time_of_day(track: Estimates, tmp_path: Path) -> None:
     write_path(tmp_path / "a.tum", track, start_unix_s=1.7e9)
     rows = np.loadtxt(tmp_path / "a.tum")
     assert rows.shape == (4, 8)
     np.testing.assert_allclose(rows[1], [1.7e9 + 1 / 3, 1 / 3, 4, 0, 0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
-
-
-def test_geojson_has_a_line_for_each_level(track: Estimates, tmp_path: Path) -> None:
     write_path(tmp_path / "a.geojson", track, geo=GEO)
     features = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert [feature["properties"]["level"] for feature in features] == [0, 1]

@@ -224,7 +224,7 @@ def test_canaries_are_walks_like_others_and_begin_as_theirs(tmp_path: Path) -> N
     assert draw(ONE.environment(ENV), "public", SECRET, tmp_path).canaries == {}
 
 
-def test_rows_of_another_walk_go_on_with_the_clock() -> None:
+def test_few_walks_have_few_canaries_whose_other_rows_go_on_with_the_clock() -> None:
     rows = {"a": np.column_stack([np.arange(10.0), np.zeros(10)]), "b": np.zeros((0, 2))}
     others = {"a": np.column_stack([np.arange(20.0), np.ones(20)])}
     found = crossed(rows, others, Canary("crossed", "x", 4.0, "y", 12.0))
@@ -232,9 +232,6 @@ def test_rows_of_another_walk_go_on_with_the_clock() -> None:
     assert found["a"][:, 1].tolist() == [0.0] * 5 + [1.0] * 7
     assert len(found["b"]) == 0
     assert cut_short(rows, 3.0)["a"][:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]
-
-
-def test_few_walks_have_few_canaries() -> None:
     rng = np.random.default_rng(0)
     assert [of.kind for of in plan({"a": 10.0}, 1.0, rng)] == ["cut"]
     assert len(plan({str(number): 10.0 for number in range(200)}, 1.0, rng)) == 20

@@ -105,7 +105,7 @@ def test_a_drift_needs_ten_seconds_and_is_no_turn_that_was_missed() -> None:
     assert heading_drift_degpmin(held_on(reference, turned_by=0.1), reference) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_standing_has_no_heading_of_travel() -> None:
+def test_standing_has_no_heading_of_travel_and_without_one_nothing_is_scored() -> None:
     xy_m = np.concatenate([straight(20), np.repeat(straight(20)[-1:], 30, axis=0)])
     reference = make_reference(xy_m)
     held = held_on(reference, turned_by=np.where(np.arange(50) < 21, 0.0, 3.0))
@@ -113,6 +113,12 @@ def test_standing_has_no_heading_of_travel() -> None:
     slow = make_reference(straight(50, step_m=0.29))
     assert math.isnan(heading_mean_deg(held_on(slow, turned_by=1.0), slow))
     assert heading_mean_deg(held_on(slow, turned_by=1.0), slow, min_speed_mps=0.2) == pytest.approx(math.degrees(1.0))
+    reference = make_reference(straight(40))
+    assert all(math.isnan(metric(held_on(reference), reference)) for metric in HEADING_METRICS)
+    unknown = dataclasses.replace(reference, heading_rad=None)
+    held = held_on(reference, turned_by=0.0)
+    assert all(math.isnan(metric(held, unknown)) for metric in HEADING_METRICS)
+    assert all(math.isnan(metric(held, make_reference(straight(40), surveyed=False))) for metric in HEADING_METRICS)
 
 
 def test_a_resting_foot_moves() -> None:
@@ -137,15 +143,6 @@ def test_only_answers_claim() -> None:
     unscored = hold_at(answer(reference.rows(np.zeros(40, bool))), reference.t_s, ORIGIN)
     assert np.isfinite(unscored.heading_rad).all()
     assert all(math.isnan(metric(unscored, reference)) for metric in HEADING_METRICS)
-
-
-def test_without_a_heading_on_either_side_there_is_nothing_to_score() -> None:
-    reference = make_reference(straight(40))
-    assert all(math.isnan(metric(held_on(reference), reference)) for metric in HEADING_METRICS)
-    unknown = dataclasses.replace(reference, heading_rad=None)
-    held = held_on(reference, turned_by=0.0)
-    assert all(math.isnan(metric(held, unknown)) for metric in HEADING_METRICS)
-    assert all(math.isnan(metric(held, make_reference(straight(40), surveyed=False))) for metric in HEADING_METRICS)
 
 
 def test_the_slope_is_that_of_theil_and_sen() -> None:

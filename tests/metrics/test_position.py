@@ -145,16 +145,13 @@ def test_along_path_equals_brute_force(seed: int) -> None:
 # Height --------------------------------------------------------------------------------------------------------
 
 
-def test_heights_are_scored_where_the_reference_has_them(two_levels: object) -> None:
+def test_heights_are_scored_and_outside_every_polygon_are_those_of_the_level(two_levels: object) -> None:
     reference = make_reference([[1.0, 1.0]] * 4, z_m=np.zeros(4))
     held = held_on(reference, [[1.0, 5.0]] * 4, level=[0.0, 0.0, 0.0, 1.0])
     assert vertical_error_m(held, reference, two_levels, quantile=1.0) == pytest.approx(3.5)
     assert vertical_error_m(held, reference, two_levels, quantile=0.5) == 0.0
     assert circular_error_m(held, reference, quantile=0.5) == 4.0
     assert spherical_error_m(held, reference, two_levels, quantile=1.0) == pytest.approx(math.hypot(4.0, 3.5))
-
-
-def test_outside_every_polygon_the_height_is_that_of_the_level(two_levels: object) -> None:
     reference = make_reference([[1.0, 1.0]], z_m=[0.0])
     assert vertical_error_m(held_on(reference, [99.0, 99.0], level=1.0), reference, two_levels) == pytest.approx(3.5)
     beyond = held_on(reference, [1.0, 1.0], level=3.0)

@@ -33,13 +33,10 @@ def errors_of_a_normal(sigma_m: float, count: int = 2000) -> np.ndarray:
 # Energy score ----------------------------------------------------------------------------------------------------
 
 
-def test_energy_score_is_the_difference_of_two_expected_distances() -> None:
+def test_the_energy_score_is_the_difference_of_two_expected_distances() -> None:
     distance_m, sigma_m = (grid.ravel() for grid in np.meshgrid([0.0, 0.1, 1.0, 3.0, 7.0], [0.5, 1.0, 4.0]))
     wanted = rice.mean(distance_m / sigma_m, scale=sigma_m) - rayleigh.mean(scale=math.sqrt(2) * sigma_m) / 2
     assert energy_scores_m(distance_m, sigma_m) == pytest.approx(wanted)
-
-
-def test_energy_score_of_a_point_is_its_distance() -> None:
     distance_m = np.array([0.0, 1e-9, 1.0, 1e9])
     for sigma_m in (0.0, 5e-324, 1e-200, 1e-12):
         with warnings.catch_warnings():

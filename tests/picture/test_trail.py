@@ -17,13 +17,19 @@ def ax() -> Axes:
     return Figure().add_subplot()
 
 
-def test_neighbouring_styles_differ_in_colour_dash_and_marker() -> None:
+def test_styles_belong_to_names_and_neighbours_differ_in_colour_dash_and_marker() -> None:
     styles = [REFERENCE, *(estimate_style(i) for i in range(8))]
     for one, other in itertools.pairwise(styles):
         assert one.colour != other.colour
         assert one.marker != other.marker
     assert len({(str(s.dash), s.marker) for s in styles}) == len(styles)
     assert len({estimate_style(i) for i in range(210)}) == 210
+    names = [f"mine_{i}-v0" for i in range(12)]
+    every = styles_of(names)
+    assert every == styles_of(reversed(names)) and len({style.colour for style in every.values()}) == 12
+    few = styles_of(names[:6])
+    assert styles_of([*names[:6], "zz-v0"]).items() >= few.items(), "who comes later by name changes nothing"
+    assert len(set(styles_of([f"mine_{i}-v0" for i in range(30)]).values())) == 30
 
 
 def test_line_is_interrupted_off_the_level(ax: Axes) -> None:
@@ -33,15 +39,12 @@ def test_line_is_interrupted_off_the_level(ax: Axes) -> None:
     assert xy_m[2, 0] == 2.0  # the argument is left alone
 
 
-def test_markers_stand_on_finite_rows(ax: Axes) -> None:
+def test_markers_stand_on_finite_rows_of_which_there_may_be_none(ax: Axes) -> None:
     xy_m = np.column_stack([np.arange(100.0), np.zeros(100)])
     xy_m[::3] = np.nan
     marked = draw_trail(ax, xy_m, estimate_style(0)).get_markevery()
     assert 2 <= len(marked) <= 12
     assert np.isfinite(xy_m[marked]).all()
-
-
-def test_nothing_to_draw_is_fine(ax: Axes) -> None:
     assert draw_trail(ax, np.zeros((0, 2)), estimate_style(1), label="silent").get_label() == "silent"
 
 
@@ -70,12 +73,3 @@ def test_twelve_styles_stay_apart_for_every_sight_and_in_grey(sight: str) -> Non
         assert np.linalg.norm(here - there) > (24 if one.dash == other.dash else 13), (one, other)
         assert (one.dash, one.marker) != (other.dash, other.marker)
     assert all(12 < lab[0] < 80 for lab in seen), "neither the black of the reference nor lost on paper"
-
-
-def test_styles_belong_to_names() -> None:
-    names = [f"mine_{i}-v0" for i in range(12)]
-    every = styles_of(names)
-    assert every == styles_of(reversed(names)) and len({style.colour for style in every.values()}) == 12
-    few = styles_of(names[:6])
-    assert styles_of([*names[:6], "zz-v0"]).items() >= few.items(), "who comes later by name changes nothing"
-    assert len(set(styles_of([f"mine_{i}-v0" for i in range(30)]).values())) == 30

@@ -27,12 +27,9 @@ def some_dots(building: Building, count: int, no_weight: float = 0.0) -> Dots:
     return found
 
 
-def test_a_plan_leaves_places_where_they_are(rng: np.random.Generator) -> None:
+def test_a_plan_leaves_places_where_they_are_and_heights_are_stretched(rng: np.random.Generator) -> None:
     xy_m = rng.normal(size=(20, 2)) * 50
     np.testing.assert_allclose(PLAN.project(xy_m, rng.normal(size=20)), xy_m, atol=1e-12)
-
-
-def test_heights_are_stretched_and_lengths_across_are_to_scale() -> None:
     view = View(azimuth_rad=0.0, elevation_rad=math.radians(30), stretch=10.0)
     origin, east, north, up = view.project(np.array([[0, 0], [3, 0], [0, 3], [0, 0]]), np.array([0, 0, 0, 3.0]))
     np.testing.assert_allclose(origin, 0.0, atol=1e-12)

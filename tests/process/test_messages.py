@@ -70,12 +70,9 @@ def test_a_briefing_arrives_as_it_was_sent(
     assert_same(received(sent, rng).briefing, sent)
 
 
-def test_a_magnetic_map_arrives_as_it_was_sent(rng: np.random.Generator) -> None:
+def test_a_magnetic_map_and_a_reference_arrive_as_they_were_sent(rng: np.random.Generator) -> None:
     sample = MagneticMap(np.ones((2, 2)), np.zeros(2, int), np.arange(2), rng.random((2, 3)))
     assert_same(received(Briefing(None, {}, 1.0, magnetic_map=sample), rng).briefing.magnetic_map, sample)
-
-
-def test_a_reference_arrives_as_it_was_sent() -> None:
     task = make_task("CampusStride-v1")
     sent = task.load(task.split("train")[0]).reference
     request = read_request(body(messages.GiveReference(1, sent)))

@@ -18,14 +18,11 @@ def make_map() -> RadioMap:
     )
 
 
-def test_table_holds_the_strongest_fresh_reading() -> None:
+def test_the_table_holds_the_strongest_fresh_reading_by_access_point() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=5.0)
     u = UNHEARD_DBM
     assert table.access_point.tolist() == [10, 20, 30]
     assert table.rssi_dbm.tolist() == [[u, u, -40.0], [-50.0, -55.0, u], [u, u, u]]
-
-
-def test_readings_lie_by_access_point() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=100.0)
     assert table.first.tolist() == [0, 2, 3, 4]
     assert table.column.tolist() == [0, 0, 1, 2]

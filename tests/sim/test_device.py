@@ -161,7 +161,7 @@ def test_the_bias_of_a_unit_is_measured():
     np.testing.assert_allclose(accel, np.tile(unit.accel.bias + np.array([0, 0, 9.81]), (len(accel), 1)), rtol=1e-12)
 
 
-def test_saturation_lies_exactly_at_the_end_of_the_range():
+def test_values_are_rounded_to_the_step_and_end_exactly_at_the_range():
     profile = PROFILES["mtx"]
     ideal = swinging(internal_hz=480.0)
     ideal = Measured(ideal.t_s, 3 * ideal.accel, 10 * ideal.gyro)
@@ -169,9 +169,6 @@ def test_saturation_lies_exactly_at_the_end_of_the_range():
     assert np.abs(measured.accel).max() == 5 * 9.80665
     assert np.abs(measured.gyro).max() == 1200 * DPS
     assert np.mean(np.abs(measured.accel) == 5 * 9.80665) > 0.2  # clipped, not scaled
-
-
-def test_values_are_rounded_to_multiples_of_the_step():
     ideal = swinging()
     steps = measure(make_profile(gyro=SensorErrors(step=0.05)), ideal).gyro / 0.05
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)

@@ -52,13 +52,10 @@ def test_field_has_neither_curl_nor_divergence(height_m: float):
         assert np.abs(gradient[:, 0, 1]).max() > 100 * slack
 
 
-def test_without_a_building_there_is_the_earth():
+def test_without_a_building_there_is_the_earth_and_other_places_change_nothing():
     none = Sheet(sigma_ut=0.0, at_m=1.0, depth_m=1.0, order=2, num_waves=1)
     field = drawn(0, [0.0], MagneticParams(structure=none, panels=none, dipoles=NO_DIPOLES))
     np.testing.assert_array_equal(field.at([[3.0, 4.0, 1.0]]), [[0.0, 31.0, -30.0]])
-
-
-def test_same_generator_state_same_bytes_and_other_places_change_nothing():
     at_m = places(np.random.default_rng(6), 9001, 1.0)
     one, same = (drawn(7, [0.0, 3.5]) for _ in range(2))
     whole = one.at(at_m)

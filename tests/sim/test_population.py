@@ -107,7 +107,7 @@ def test_people_of_a_kind_differ_and_the_same_seed_is_the_same_person(kind):
     assert (one.manner.profile is not None) == (kind == "other phone")
 
 
-def test_phones_are_drawn_within_the_ends_of_their_law():
+def test_phones_are_drawn_within_their_law_and_a_unit_on_the_foot_without():
     law = PhoneLaw()
     for seed in range(50):
         phone = draw_phone_profile(np.random.default_rng(seed), law)
@@ -115,9 +115,6 @@ def test_phones_are_drawn_within_the_ends_of_their_law():
         assert law.accel_step[0] <= phone.accel.step <= law.accel_step[1]
         assert phone.accel.limit in law.accel_limit
         assert phone.accel.bandwidth_hz <= 0.45 * phone.rate_hz
-
-
-def test_a_unit_on_the_foot_has_no_manner_of_a_phone():
     with pytest.raises(SimulationError, match="no manner of a phone"):
         replace(ON_FOOT, manner=PhoneManner(trunk=GaitMotionParams()))
     assert Setup("hand", device="phone_mid", sensors=("accel",)).profile.rate_hz == 100.0

@@ -59,10 +59,14 @@ def test_a_sensor_less_changes_no_other(scene, setup):
         assert alone.reference.xy_m.tobytes() == whole.reference.xy_m.tobytes()
 
 
-def test_the_carried_phone_does_not_change_the_path(scene):
+def test_the_phone_does_not_change_the_path_and_waypoints_are_as_surveyors_mark_them(scene):
     hand, pocket = (simulate_walk(scene, 4, setup, duration_s=20.0) for setup in (IN_HAND, IN_POCKET))
     assert hand.reference.xy_m.tobytes() == pocket.reference.xy_m.tobytes()
     assert hand.streams["accel"].rows.tobytes() != pocket.streams["accel"].rows.tobytes()
+    setup = replace(IN_HAND, sensors=("accel",), waypoint_m=(4.0, 8.0))
+    reference = simulate_walk(scene, 2, setup, duration_s=90.0).reference
+    apart_m = np.hypot(*np.diff(reference.xy_m, axis=0).T)
+    assert len(reference) > 5 and apart_m[:-1].max() < 8.3 and not reference.surveyed[0]
 
 
 def test_the_unit_on_the_foot_leads_back_to_its_own_reference(on_foot):
@@ -118,13 +122,6 @@ def _inside(building: Building, polygon: int) -> tuple[float, float]:
 
     point = shapely.Polygon(building.polygons[polygon].outline_xy_m).representative_point()
     return point.x, point.y
-
-
-def test_waypoints_are_as_far_apart_as_surveyors_mark_them(scene):
-    setup = replace(IN_HAND, sensors=("accel",), waypoint_m=(4.0, 8.0))
-    reference = simulate_walk(scene, 2, setup, duration_s=90.0).reference
-    apart_m = np.hypot(*np.diff(reference.xy_m, axis=0).T)
-    assert len(reference) > 5 and apart_m[:-1].max() < 8.3 and not reference.surveyed[0]
 
 
 @pytest.mark.parametrize(

@@ -39,12 +39,17 @@ def test_a_hole_is_passed_on_the_shorter_side(ring):
     assert_walkable(ring, route)
 
 
-def test_a_door_is_passed_clear_of_its_jambs(two_rooms):
+def test_a_door_is_passed_clear_of_its_jambs_and_unconnected_places_are_named(two_rooms):
     route = navigation_mesh(two_rooms).route(Place(0, [0.5, 3.5]), Place(1, [7.5, 3.5]), clearance_m=0.4)
     np.testing.assert_array_equal(np.unique(route.polygon), [0, 1])
     (in_door,) = route.xy_m[np.isclose(route.xy_m[:, 0], 4)]
     assert 1.4 - 1e-9 <= in_door[1] <= 1.5 + 1e-9
     assert_walkable(two_rooms, route)
+    mesh = navigation_mesh(two_rooms)
+    start = Place(0, [1, 1])
+    np.testing.assert_array_equal(mesh.reachable(start), [True, True, False])
+    with pytest.raises(RouteError, match=r"no way leads from \(1.00, 1.00\) in polygon 'west'.*'alone'.*neighbour"):
+        mesh.route(start, Place(2, [10, 2]))
 
 
 def test_a_gap_too_narrow_for_a_body_is_taken_only_when_nothing_else_leads_there(room):
@@ -92,14 +97,6 @@ def test_all_rooms_of_an_office_can_be_walked_to(office, mesh):
     assert mesh.reachable(start).all()
     for there, there_xy_m in zip(polygon, xy_m, strict=True):
         assert_walkable(office, mesh.route(start, Place(there, there_xy_m)))
-
-
-def test_unconnected_places_are_named(two_rooms):
-    mesh = navigation_mesh(two_rooms)
-    start = Place(0, [1, 1])
-    np.testing.assert_array_equal(mesh.reachable(start), [True, True, False])
-    with pytest.raises(RouteError, match=r"no way leads from \(1.00, 1.00\) in polygon 'west'.*'alone'.*neighbour"):
-        mesh.route(start, Place(2, [10, 2]))
 
 
 @pytest.mark.parametrize("place", [Place(0, [5, 5]), Place(7, [1, 1]), Place(-1, [1, 1]), Place(0, [np.nan, 1])])

@@ -61,7 +61,7 @@ def field(office: Building) -> RadioField:
     return make_radio_field(np.random.default_rng(8), office, num_access_points=30)
 
 
-def test_without_walls_the_mean_is_the_path_loss_of_free_space(hall: Building):
+def test_the_mean_is_path_loss_and_levels_attenuate_as_in_the_model_of_cost_231(hall: Building):
     field = field_of(hall, (0, 1.0, 4.0, 1.0))
     at = np.array([[1.2, 4.0], [2.0, 4.0], [11.0, 4.0], [51.0, 4.0]])
     expected = -20 * np.log10([1.0, 1.0, 10.0, 50.0])  # 1 m and nearer is one
@@ -69,9 +69,6 @@ def test_without_walls_the_mean_is_the_path_loss_of_free_space(hall: Building):
     assert field.rssi_mean_dbm(0, [[1.0, 4.0]], 4.0)[0, 0] == pytest.approx(-20 * np.log10(3.0))
     along = field.rssi_mean_dbm(0, np.column_stack([np.linspace(2, 59, 50), np.full(50, 4.0)]), 1.0)[:, 0]
     assert (np.diff(along) < 0).all()
-
-
-def test_levels_attenuate_as_in_the_model_of_cost_231(hall: Building):
     field = field_of(hall, (0, 1.0, 4.0, 1.0))
     loss_db = [-float(field.rssi_mean_dbm(level, [[11.0, 4.0]], 1.0)[0, 0]) - 20.0 for level in (0, 1, 2)]
     assert loss_db == pytest.approx([0.0, 18.3 * 1 ** (1.5 - 0.46), 18.3 * 2 ** (4 / 3 - 0.46)])

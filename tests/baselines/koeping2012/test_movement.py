@@ -92,7 +92,7 @@ def test_improbable_movements_are_pruned_and_the_rest_sums_to_one() -> None:
     assert table.num_entries < build_table(hall(), MovementParams(prune=0.0)).num_entries
 
 
-def test_walls_are_walked_round_and_doors_through() -> None:
+def test_walls_are_walked_round_doors_through_and_parts_that_nothing_connects_not_reached() -> None:
     table = build_table(two_rooms())
     at_door, at_wall = nearest(table, 3.75, 0.75), nearest(table, 3.75, 3.25)
     assert (table.cells.xy_m[table.row(at_door)[0], 0] > 4).any()
@@ -100,9 +100,6 @@ def test_walls_are_walked_round_and_doors_through() -> None:
     way_m = ways_m(table.cells, at_wall)[nearest(table, 4.25, 3.25)]
     shortest_m = math.hypot(3.25 - 1.4, 0.25) * 2  # round the jamb
     assert shortest_m <= way_m <= shortest_m + 2 * 0.5  # round a jamb it goes from cell to cell
-
-
-def test_no_particle_moves_between_parts_that_nothing_connects() -> None:
     table = build_table(two_rooms(door=False))
     assert np.bincount(parts(table.cells)).tolist() == [64, 64]
     rng = np.random.default_rng(0)

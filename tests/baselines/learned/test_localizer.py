@@ -132,11 +132,16 @@ def test_other_units_are_refused(rng: np.random.Generator) -> None:
         moves(gentle_in_degrees)
 
 
-def test_attitudes_the_other_way_round_are_refused(rng: np.random.Generator) -> None:
+def test_times_that_go_back_and_attitudes_the_other_way_round_are_refused(rng: np.random.Generator) -> None:
     rows = phone(rng)
     rows["rotation"][:, 2:] *= -1.0
     with pytest.raises(RecordingError, match="w, x, y, z"):
         moves(rows)
+    rows = phone(rng)
+    jumped = rows["accel"].copy()
+    jumped[200:, 0] -= 1.0
+    with pytest.raises(RecordingError, match="goes back"):
+        moves(rows | {"accel": jumped})
 
 
 def test_a_phone_in_a_swinging_hand_is_not_refused() -> None:
@@ -174,14 +179,6 @@ def test_slow_or_missing_sensors_are_unsuitable(rng: np.random.Generator) -> Non
         Reckoner(compiled_network("phone"), briefing(sensors=("accel", "rotation")))
     with pytest.raises(RecordingError, match="comes at 10 Hz"):
         moves(phone(rng, rate_hz=10.0))  # briefed as 50 Hz
-
-
-def test_times_that_go_back_are_refused(rng: np.random.Generator) -> None:
-    rows = phone(rng)
-    jumped = rows["accel"].copy()
-    jumped[200:, 0] -= 1.0
-    with pytest.raises(RecordingError, match="goes back"):
-        moves(rows | {"accel": jumped})
 
 
 def test_samples_that_are_no_numbers_are_left_out(rng: np.random.Generator) -> None:

@@ -87,16 +87,13 @@ def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator
     assert cloud.heading_rad.mean() == pytest.approx(0.75, abs=1e-3)
 
 
-def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generator) -> None:
+def test_backward_and_zero_strides_are_walked_and_clipped_lengths_never_step_back(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(square(), rng, WoodmanFilterParams(min_particles=5000))
     particles.start(patch(20, 20), HeadingPrior(0.0, 1e-9))
     particles.update(-1.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.1)
     particles.update(0.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.15)
-
-
-def test_clipped_lengths_never_step_back(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(square(), rng, WoodmanFilterParams(clip_length=True, heading_sigma_rad=0.0))
     particles.start(patch(20, 20, 1e-3), HeadingPrior(0.0, 1e-9))
     particles.update(0.0, 0.0, 0.0)
@@ -127,14 +124,11 @@ def test_the_weight_of_a_height(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(cloud.weight[~climbed], np.exp(-(0.20**2) / 0.02), rtol=1e-5)
 
 
-def test_without_heights_only_walls_count(rng: np.random.Generator) -> None:
+def test_without_heights_or_with_unexplained_ones_only_walls_count(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(stairs(), rng, WoodmanFilterParams(height_sigma_m=np.inf))
     particles.start(FloorRegion.whole(stairs()))
     particles.update(0.5, 2.0, 0.0)
     assert set(particles.cloud().weight) == {0.0, 1.0}
-
-
-def test_an_unexplained_height_kills_no_particle(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(square(), rng)
     particles.start(patch(20, 20))
     particles.update(0.5, 3.0, 0.0)
@@ -161,14 +155,11 @@ def test_strides_that_are_not_finite(rng: np.random.Generator, stride: tuple[flo
         particles.update(*stride)
 
 
-def test_a_region_without_floor(rng: np.random.Generator) -> None:
+def test_a_region_without_floor_and_a_cap_on_particles(rng: np.random.Generator) -> None:
     with pytest.raises(FilterError, match="covers no floor"):
         WoodmanFilter(square(), rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
     with pytest.raises(FilterError, match="covers no floor"):
         WoodmanFilter(square(), rng).start(patch(100, 100))
-
-
-def test_a_cap_on_particles(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(square(), rng, WoodmanFilterParams(max_particles=5000))
     particles.start(FloorRegion.whole(square()))
     assert particles.num_particles == 5000

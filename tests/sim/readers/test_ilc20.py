@@ -161,11 +161,16 @@ def test_names_of_networks_never_matter(tmp_path: Path, ssid: str) -> None:
     assert_same(plain.rows, named.rows)
 
 
-def test_no_name_or_address_survives(tmp_path: Path) -> None:
+def test_no_name_or_address_survives_and_numbers_of_any_form_equal_float(tmp_path: Path) -> None:
     log = read(tmp_path, [wifi(0, ssid="Uniqlo"), beacon(10), row(20, "BLUE", "E0:78", "Annas phone"), *waypoints(0)])
     shown = repr(log)
     for secret in ("Uniqlo", "Annas", "phone", NEAR, "9195B3AD", "E0:78", "某"):
         assert secret not in shown
+    forms = ["-0.0", "+1.5", " 2.5", "3.5 ", "1e-3", "9.3078613E-4", ".5", "5.", "007", "0.1234567890123456789"]
+    forms += ["-12.345678901234567", "123.456789012345", "0.000000000000001", "-1E-320"]
+    log = read(tmp_path, [row(k, "ACCELEROMETER", form, form, 9.81, 2) for k, form in enumerate(forms)])
+    expected = np.array([float(form) for form in forms])
+    assert log.rows["accel"][:, 1].tobytes() == log.rows["accel"][:, 2].tobytes() == expected.tobytes()
 
 
 def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
@@ -178,14 +183,6 @@ def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
     log = read(tmp_path, [wifi(0), wifi(0, FAR), beacon(0), beacon(0, "E0:78:A3:3E:92:FD")])
     assert log.rows["wifi"][0, 1] == number
     assert len({*log.rows["wifi"][:, 1], *log.rows["ble"][:, 1]}) == 4
-
-
-def test_numbers_of_any_form_equal_float(tmp_path: Path) -> None:
-    forms = ["-0.0", "+1.5", " 2.5", "3.5 ", "1e-3", "9.3078613E-4", ".5", "5.", "007", "0.1234567890123456789"]
-    forms += ["-12.345678901234567", "123.456789012345", "0.000000000000001", "-1E-320"]
-    log = read(tmp_path, [row(k, "ACCELEROMETER", form, form, 9.81, 2) for k, form in enumerate(forms)])
-    expected = np.array([float(form) for form in forms])
-    assert log.rows["accel"][:, 1].tobytes() == log.rows["accel"][:, 2].tobytes() == expected.tobytes()
 
 
 def test_unknown_types_and_repeated_rows_are_counted_and_two_places_at_one_time_refused(tmp_path: Path) -> None:
@@ -260,7 +257,7 @@ def test_every_record_is_accounted_for(tmp_path: Path, rng: np.random.Generator)
     assert accounted == len(lines)
 
 
-def test_line_ends_byte_order_mark_and_gzip_change_nothing(tmp_path: Path) -> None:
+def test_the_last_line_must_end_however_lines_end(tmp_path: Path) -> None:
     lines = [*sensors(), wifi(300), *waypoints(0, 380)]
     path = put(tmp_path, lines)
     plain = ilc20.read(path)
@@ -268,6 +265,11 @@ def test_line_ends_byte_order_mark_and_gzip_change_nothing(tmp_path: Path) -> No
     for changed in (content.replace(b"\n", b"\r\n"), b"\xef\xbb\xbf" + content, gzip.compress(content)):
         path.write_bytes(changed)
         assert_same(plain.rows, ilc20.read(path).rows)
+    with pytest.raises(RecordingError, match="line 5: the last line does not end"):
+        ilc20.read(put(tmp_path, waypoints(0, 10), end=""))
+    with pytest.raises(RecordingError, match="line 84: the last line does not end"):
+        ilc20.read(put(tmp_path, [*sensors(), wifi(300)[:40]], end=""))
+    assert len(ilc20.read(put(tmp_path, [*waypoints(0, 10), "#\tendTime:1"], end="")).reference) == 2
 
 
 @pytest.mark.parametrize(
@@ -295,14 +297,6 @@ def test_a_bad_line_is_named(tmp_path: Path, line: str, says: str) -> None:
     path = put(tmp_path, [*sensors(), line, *sensors(2)])
     with pytest.raises(RecordingError, match=rf"^{re.escape(str(path))}: line 84: .*{says}"):
         ilc20.read(path)
-
-
-def test_the_last_line_must_end(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="line 5: the last line does not end"):
-        ilc20.read(put(tmp_path, waypoints(0, 10), end=""))
-    with pytest.raises(RecordingError, match="line 84: the last line does not end"):
-        ilc20.read(put(tmp_path, [*sensors(), wifi(300)[:40]], end=""))
-    assert len(ilc20.read(put(tmp_path, [*waypoints(0, 10), "#\tendTime:1"], end="")).reference) == 2
 
 
 @pytest.mark.parametrize("lines", [[], [row(0, "BLUE", "a", -3)]])
