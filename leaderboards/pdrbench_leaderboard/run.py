@@ -11,13 +11,13 @@ from typing import Final
 import msgspec
 
 from pdrbench.datasets import cache_folder
-from pdrbench.errors import BundleError, UnknownNameError
+from pdrbench.errors import BundleError, UnknownNameError, UnsuitableError
 from pdrbench.evaluation.cluster import on_cluster
 from pdrbench.evaluation.origin import localizer_target, target_sha256, versions
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.files import sha256_of
 from pdrbench.process.launch import CONFINED, Isolation, find_launcher
-from pdrbench.registry import localizers
+from pdrbench.registry import localizers, make_localizer
 from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.settings import split_name
 from pdrbench_leaderboard.boards import PARTS, Board, BoardEnvironment, Part, Round, read_secret
@@ -75,10 +75,13 @@ class Entrant:
 
     @property
     def is_here(self) -> bool:
-        """False where it names a localizer that is not installed, such as an adapter of the laboratory."""
+        """False where it names a localizer that is not installed, or that declines already when it is made.
+
+        As adapters of the laboratory do without the package that they adapt.
+        """
         try:
-            return bool(self.sha256)
-        except UnknownNameError:
+            return bool(self.sha256 and (not self.is_registered or make_localizer(self.spec)))
+        except (UnknownNameError, UnsuitableError):
             return False
 
     @property

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdrbench.errors import BundleError
+from pdrbench.errors import BundleError, UnsuitableError
 from pdrbench.evaluation import answers
 from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
@@ -123,7 +123,7 @@ def test_what_is_done_is_skipped_and_what_lies_with_an_entry_is_played(
 def test_what_is_not_installed_here_is_left_out_with_a_line(
     settings: Settings, mine: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As adapters of the laboratory are, where every entry is played in a clone of the product alone."""
+    """As adapters of the laboratory are in a clone of the product alone, and without the package that they adapt."""
     list(run([TOY], [mine[0]], settings, card=mine[1]))
     folder = settings.root / "toy" / "mine"
     (folder / "localizer.py").unlink()
@@ -133,6 +133,15 @@ def test_what_is_not_installed_here_is_left_out_with_a_line(
     first, *others = run([TOY], [], settings)
     assert first.why == "mine is not installed here"
     assert not any(of.played or of.why for of in others) and path.is_file()
+
+    def without_its_package(name: str) -> None:
+        raise UnsuitableError(f"{name} needs a package")
+
+    path.write_text(path.read_text("utf-8").replace('"of_elsewhere"', '"stay"'), "utf-8")
+    monkeypatch.setattr("pdrbench_leaderboard.run.make_localizer", without_its_package)
+    first, *others = run([TOY], [], settings)
+    assert first.why == "mine is not installed here"
+    assert not any(of.played or of.why for of in others)
 
 
 def _without_times(content: bytes) -> list[bytes]:
