@@ -24,6 +24,7 @@ from pdrbench.recording import Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
@@ -34,17 +35,6 @@ STANDS_MPS: Final = 0.2  # slower than this a foot stands, as far as it matters 
 _ID_KEY: Final = b"pdrbench.foot_recordings"
 _SLACK_S: Final = 1e-6  # as an episode has it: k * period_s is rounded
 _NOTE: Final = "data differs from the registered {}: scores are not comparable with published tables"
-
-HANDED_OUT: Final = """
-**Handed out** every 0.05 s: {sensors}. Axes are those of the case of the unit, fixed to the foot and otherwise unknown:
-gravity shows which way is up. No map is given.
-"""
-POSE: Final = """
-**Start**: place, level 0, and as heading the direction from the start to where the line through the places at which the
-foot stood is first half a metre away, as a user would align a walk on a map. The start is not scored.
-
-**Splits**: `test` only, under opaque ids in shuffled order. Tune elsewhere.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,17 +106,7 @@ VICON: Final = FootSet(
     rate_hz=200.0,
     noise_m=0.01,  # motion capture in a room, read between its samples
     summary="A unit on the foot under motion capture, walking and running in a room; start pose known",
-    description="""\
-One person walks, runs, lifts the feet high and crawls for 17 to 87 s within a room of some three by three metres, a
-unit on the foot, watched by motion capture (Wagstaff, Peretroukhin, Kelly 2019): 42 trials of four days, one unit of
-replication, so that what is found holds for this person; a ranking counts trials. The reference is the foot at every
-0.05 s, with its height; where the motion capture lost the foot nothing is scored.
-
-**What is hard**: fast walks, in which the foot rests for an instant, a gyroscope that is driven to its stop at
-9.2 rad/s, and walks that turn all the time. Some trials begin while the foot already moves.
-"""
-    + HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
-    + POSE,
+    description=describe("foot_vicon", "foot", "foot_start", sensors="accelerometer and gyroscope at 200 Hz"),
 )
 WALKS: Final = FootSet(
     env="FootWalks-v1",
@@ -139,17 +119,7 @@ WALKS: Final = FootSet(
     rate_hz=200.0,
     noise_m=0.02,  # by which places and inertial navigation agree over a stride
     summary="A unit on the foot, walks and runs of 40 to 116 m with a surveyed place at every stride; start pose known",
-    description="""\
-Nine walks and runs of 40 to 116 m, most of them there and back, with a place on the ground for every stride (Cetin,
-Koroglu 2025). Who walked is not said, so that they count as one person, one unit of replication; a ranking counts
-walks. The reference is where the foot stands at the end of each stance. How it was surveyed is not stated; it agrees
-with inertial navigation to one or two centimetres a stride.
-
-**What is hard**: runs, in which the foot rests for a tenth of a second or less and never as still as in walking, while
-the gyroscope reaches its stop at 8.8 rad/s.
-"""
-    + HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
-    + POSE,
+    description=describe("foot_walks", "foot", "foot_start", sensors="accelerometer and gyroscope at 200 Hz"),
 )
 
 

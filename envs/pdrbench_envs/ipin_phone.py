@@ -17,6 +17,7 @@ from pdrbench.errors import unknown_name
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_formats.recordings import getsensordata
@@ -32,27 +33,6 @@ SURVEYED: Final = ("train", "val")  # splits whose walks make the radio survey
 _LOG: Final = re.compile(r"logs/IPIN2023_T3_TrainingTrial(?P<route>\d\d)_repetition(?P<repetition>\d\d)\.txt")
 _ID_KEY: Final = b"pdrbench.ipin2023_phone"
 _REMEDY: Final = f"download it again ({DATASET})"
-_DESCRIPTION: Final = """\
-A museum in Nuremberg, walked with two Samsung phones in the hand past landmarks whose latitude and longitude were
-surveyed (Torres-Sospedra et al., IPIN 2023 competition, Track 3). Eight routes, each walked twice: four on level 0 and
-four on level -2; no walk changes its level. There is no plan. Places are metres east and north of latitude 49.46,
-longitude 11.11.
-
-**Handed out** every 0.5 s: accelerometer, magnetometer and attitude at 50 Hz, gyroscope at 100 Hz (50 Hz on the
-SM-G930F), barometer at 6 Hz to 10 Hz, WiFi scans every few seconds, Bluetooth beacons.
-
-**Given**: the first landmark and its level, not the heading; and a radio survey: the WiFi scans of walks on the other
-routes of `train` and `val`, placed by interpolating between landmarks. The minute of preparation before the first
-landmark is left out.
-
-**What is hard**: people stop at landmarks and turn on the spot, machines bend the magnetic field, and the survey holds
-no scan from the route that is walked.
-
-**Splits**: by route. Test walks have opaque ids in shuffled order. The score of the competition is
-`p75_level_penalised_m`: the third quartile of the error plus 15 m for each level that it is off. Its two scoring walks
-are not in the set. Units of replication are routes: 2 in `train`, 2 in `val`, 4 with 8 walks in `test`; who walked is
-not said, so that a ranking of these walks holds for this building and these phones.
-"""
 
 
 def task() -> Task:
@@ -61,7 +41,7 @@ def task() -> Task:
     return Task(
         id=ENV,
         summary="Phone walks between surveyed landmarks of a museum on two levels, start known, radio survey",
-        description=_DESCRIPTION,
+        description=describe("ipin_phone"),
         sensors=tuple(sensor_spec(name) for name in CAPACITY),
         capacity=CAPACITY,
         period_s=PERIOD_S,

@@ -24,6 +24,7 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Trajectory
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, read
@@ -39,41 +40,13 @@ MAX_SCANS: Final = 4  # at a place of the training part; there are up to 80
 _ID_KEY: Final = b"pdrbench.wifi_fingerprints"
 _REMEDY: Final = f"copy it again ({DATASET})"
 
-_DESCRIPTION: Final = """\
-Fixes, not walks: scans of three published sets, each at a surveyed place. UJI1 has three university buildings, each
-of four or five levels (Torres-Sospedra et al. 2014), TUT3 a building of five (Lohan et al. 2017), LIB1 two levels of a
-library (Mendoza-Silva et al. 2018). Places are metres on the ground; a published error of UJI1 is in metres of Web
-Mercator, of which one is 0.766 m there.
-
-**Handed out** every 600 s: one scan. Places follow in an order that says nothing, none twice in a row, so that a scan
-is to be placed by itself, as the papers do. **Given**: a radio map at surveyed places; nothing of the start.
-
-**Scores** of the papers: `mean_m` and `level_hit_rate`. Levels of different buildings share numbers; a wrong building
-shows as distance.
-
-**What is hard**: test scans of UJI1 come months later, with other phones and at other places than the survey; the
-survey of TUT3 is sparse, one scan at a place.
-
-**Splits**: `test` is the published test part with the whole training part as survey: 40 walks of each set. `val` is a
-fifth of the training places, `train` the others in four folds; their survey lacks the places of their fold. All scans
-at a place are of one walk, at most four of them outside of `test`. Who walked, and with which phone, is not in the
-files. Units of replication are therefore walks, that is groups of places: 120 in `test`, all of three sets, so that
-intervals hold for other places of these sets, not for other buildings. Groups of results are the sets.
-"""
-
 
 class Group(NamedTuple):
-    """Places that make a walk.
+    """Places that make a walk."""
 
-    Attributes:
-        of: Name of the set.
-        fold: Of the training places; None in test.
-        number: Of the group, in its set and fold.
-    """
-
-    of: str
-    fold: int | None
-    number: int
+    of: str  # name of the set
+    fold: int | None  # of the training places; None in test
+    number: int  # of the group, in its set and fold
 
     @property
     def split(self) -> str:
@@ -88,7 +61,7 @@ def task() -> Task:
     return Task(
         id=ENV,
         summary="Scans of three published fingerprint sets at surveyed places, radio survey, start unknown",
-        description=_DESCRIPTION,
+        description=describe("wifi_fingerprints"),
         sensors=(sensor_spec("wifi"),),
         capacity={"wifi": CAPACITY},
         period_s=PAUSE_S,

@@ -31,16 +31,16 @@ from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.people.body_line import arc_length_m
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
-from pdrbench_sim.people.strides import NATURAL_GAIT, GaitParams, Stances, stances, strides
+from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances, strides
 from pdrbench_sim.people.walk import BodyPath, SimulatedWalk, body_path
 from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams, draw_place, walk_through
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.phone.population import ANY_MANNER, PhoneManner
-from pdrbench_sim.radio.ble import BeaconParams, Beacons, make_beacons, receive_beacons
+from pdrbench_sim.radio.ble import Beacons, make_beacons, receive_beacons
 from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks, make_networks
-from pdrbench_sim.radio.scans import PhonePath, scan_walk
+from pdrbench_sim.radio.scans import PhonePath, scan_walks
 from pdrbench_sim.radio.wlan import draw_receiver
 from pdrbench_sim.resolution import mag_step_ut, rounded
 from pdrbench_sim.units.device import draw_unit
@@ -122,7 +122,6 @@ def make_scene(
     building: Building,
     *,
     networks: NetworkParams = OFFICE_NETWORKS,
-    beacons: BeaconParams | None = None,
     magnetic: MagneticParams | None = None,
 ) -> BuildingScene:
     """Draws the fields of a building; each of them has a generator of its own.
@@ -131,7 +130,6 @@ def make_scene(
         rng: Two scenes from generators in the same state are equal byte for byte.
         building: Any that a person can walk in.
         networks: How many boxes its WLAN has, and what they send.
-        beacons: How many there are, and what they send; None for the defaults.
         magnetic: What its steel does; None for the defaults.
     """
     for_magnetic, for_networks, for_beacons = rng.spawn(3)
@@ -140,7 +138,7 @@ def make_scene(
         navigation_mesh(building),
         make_magnetic_field(for_magnetic, building, magnetic),
         make_networks(for_networks, building, params=networks),
-        make_beacons(for_beacons, building, params=beacons),
+        make_beacons(for_beacons, building),
     )
 
 
@@ -153,7 +151,6 @@ def simulate_walk(
     person: Person | None = None,
     places: Sequence[Place] | None = None,
     walk: WalkParams = NATURAL_WALK,
-    gait: GaitParams = NATURAL_GAIT,
     name: str = "walk",
 ) -> Recording:
     """One person's walk through a building, recorded.
@@ -169,7 +166,6 @@ def simulate_walk(
         person: None for a person that is drawn.
         places: To visit, in order; None for places anywhere in the building.
         walk: How people walk through buildings; `run_fraction` makes them run.
-        gait: How their feet follow.
         name: Id of the recording.
 
     Returns:
@@ -186,7 +182,7 @@ def simulate_walk(
     if places is None:
         places = _draw_places(streams("places"), scene, person, duration_s)
     way = walk_through(streams("walk"), scene.mesh, person, places, walk, until_s=duration_s)
-    feet = stances(way, streams("gait"), gait)
+    feet = stances(way, streams("gait"), NATURAL_GAIT)
     end_s = min(duration_s, way.end_s + 1.0)
     device = _Device.carried(scene, way, feet, setup, streams, end_s)
     recording = Recording(
@@ -352,7 +348,7 @@ class _Device:
     def _wifi(self) -> FloatArray:
         """Rows of the scans."""
         rng, receiver = self.streams("wifi"), draw_receiver(self.streams("receiver"))
-        return scan_walk(self.scene.networks, rng, self._path, receiver=receiver)
+        return scan_walks(self.scene.networks, [rng], [self._path], receiver=receiver)[0]
 
     def _ble(self) -> FloatArray:
         """Rows of the beacons."""

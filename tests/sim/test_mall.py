@@ -5,19 +5,16 @@ import pytest
 import shapely
 
 from pdrbench.building import WALL
+from pdrbench.building.connectivity import reachable_parts
 from pdrbench.errors import MapError
 from pdrbench_sim.buildings.mall import MallParams, make_mall
-from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.radio.rays import obstacles
 
 
 @pytest.mark.parametrize("num_levels", [1, 3])
 def test_every_shop_can_be_reached_from_the_concourse(num_levels: int):
     mall = make_mall(np.random.default_rng(4), num_levels=num_levels, area_m2=9000.0 * num_levels)
-    start = next(i for i, polygon in enumerate(mall.polygons) if polygon.id == "0/concourse")
-    sample, xy_m = mall.sample_uniform(np.random.default_rng(0), 200, 0)
-    place = Place(start, xy_m[sample == start][0])
-    assert navigation_mesh(mall).reachable(place).all()
+    assert not reachable_parts(mall, by_lift=False).any()
     assert set(mall.levels) == set(range(num_levels))
     kinds = [zone.kind for zone in mall.zones]
     assert kinds.count("concourse") == num_levels
@@ -59,8 +56,7 @@ def test_passages_are_reached_and_heavy_walls_shut_them_off_from_the_concourse()
     names = np.array([p.id for p in mall.polygons])[polygon]
     inside, concourse = xy_m[np.char.find(names, "passage") >= 0][:100], xy_m[names == "0/concourse"][:100]
     assert len(inside) == 100
-    start = Place(int(polygon[names == "0/concourse"][0]), concourse[0])
-    assert navigation_mesh(mall).reachable(start).all()
+    assert not reachable_parts(mall, by_lift=False).any()
     heavy = [obstacles(mall)[0].walls_crossed(place, concourse)[1] for place in inside]
     assert np.mean(np.array(heavy) > 0) > 0.8
     among = [obstacles(mall)[0].walls_crossed(place, concourse)[1] for place in concourse]

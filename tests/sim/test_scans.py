@@ -1,16 +1,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pdrbench.building import Building
+from pdrbench.geometry import FloatArray
 from pdrbench.recording import SensorStream
 from pdrbench.sensors.radio import WIFI
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.radio.networks import BANDS, OFFICE_NETWORKS, Networks, make_networks
-from pdrbench_sim.radio.scans import PhonePath, ScanError, ScanParams, scan_walk, scan_walks
+from pdrbench_sim.radio.scans import PhonePath, ScanError, ScanParams, scan_walks
 from pdrbench_sim.radio.wlan import PropagationParams, Receiver
 
 
@@ -31,6 +33,10 @@ def stroll(building: Building, length_s: float = 120.0, speed_mps: float = 0.5) 
     t_s = np.arange(0.0, length_s + 1e-9, 0.1)
     xy_m = np.column_stack([low[0] + 3.0 + speed_mps * t_s, np.full(len(t_s), low[1] + 2.0)])
     return PhonePath(t_s, np.full(len(t_s), polygon), xy_m, np.zeros(len(t_s)))
+
+
+def scan_walk(networks: Networks, rng: np.random.Generator, path: PhonePath, **how: Any) -> FloatArray:
+    return scan_walks(networks, [rng], [path], **how)[0]
 
 
 def test_scans_are_rows_of_the_wifi_stream(networks: Networks, mall: Building):

@@ -15,7 +15,6 @@ from pdrbench_sim.people.strides import (
     report_times_s,
     stances,
     strides,
-    walkable_strides,
 )
 from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams, walk_through
 
@@ -28,8 +27,8 @@ def feet(walks):
 
 def test_no_stride_crosses_a_wall_and_the_first_has_no_turn(office, feet):
     for rests in feet:
-        assert walkable_strides(office, rests).all()
-    for rests in feet:
+        reached, is_free = office.move(rests.polygon[:-1], rests.xy_m[:-1], rests.xy_m[1:])
+        assert (is_free & (reached == rests.polygon[1:])).all()
         true = strides(office, rests)
         assert true.turn_rad[0] == 0
         assert ((true.length_m == 0) | (true.length_m >= SHORT_STRIDE_M)).all()
@@ -148,7 +147,8 @@ def test_where_feet_are_set_down_changes_no_time(corridor, person):
     shift_m = np.hypot(*(exact.xy_m - placed.xy_m).T)[1:-1]
     # Some 75 rests: known to 8 %.
     assert np.sqrt((shift_m**2).mean()) == pytest.approx(0.012, rel=0.3)
-    assert walkable_strides(corridor, placed).all()
+    reached, is_free = corridor.move(placed.polygon[:-1], placed.xy_m[:-1], placed.xy_m[1:])
+    assert (is_free & (reached == placed.polygon[1:])).all()
 
 
 @pytest.mark.parametrize(

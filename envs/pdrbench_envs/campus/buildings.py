@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -52,22 +54,13 @@ def _office(num_corridors: int, level_m2: tuple[float, float], rng: np.random.Ge
     from pdrbench_sim.buildings.office import OfficeParams, make_office
 
     params = OfficeParams(num_corridors=num_corridors, has_lifts=True)
-    for _ in range(_TRIES):
+
+    def draw() -> Building:
         num_levels = int(rng.integers(*OFFICE_LEVELS))
         area_m2 = num_levels * float(rng.uniform(*level_m2))
-        try:
-            return make_office(rng.spawn(1)[0], num_levels=num_levels, area_m2=area_m2, name=name, params=params)
-        except MapError:
-            continue
-    raise MapError(f"no plan of {name} came out in {_TRIES} draws")
+        return make_office(rng.spawn(1)[0], num_levels=num_levels, area_m2=area_m2, name=name, params=params)
 
-
-def _one_corridor(rng: np.random.Generator, name: str) -> Building:
-    return _office(1, ONE_CORRIDOR_M2, rng, name)
-
-
-def _two_corridors(rng: np.random.Generator, name: str) -> Building:
-    return _office(2, TWO_CORRIDORS_M2, rng, name)
+    return _tried(draw, name)
 
 
 def _ring(rng: np.random.Generator, name: str) -> Building:
@@ -85,12 +78,18 @@ def _wings(rng: np.random.Generator, name: str) -> Building:
 def _mall(rng: np.random.Generator, name: str) -> Building:
     from pdrbench_sim.buildings.mall import make_mall
 
-    for _ in range(_TRIES):
+    def draw() -> Building:
         area_m2 = MALL_LEVELS * float(rng.uniform(*MALL_M2))
-        try:
-            return make_mall(rng.spawn(1)[0], num_levels=MALL_LEVELS, area_m2=area_m2, name=name)
-        except MapError:
-            continue
+        return make_mall(rng.spawn(1)[0], num_levels=MALL_LEVELS, area_m2=area_m2, name=name)
+
+    return _tried(draw, name)
+
+
+def _tried(draw: Callable[[], Building], name: str) -> Building:
+    """The first plan that comes out of some draws."""
+    for _ in range(_TRIES):
+        with contextlib.suppress(MapError):
+            return draw()
     raise MapError(f"no plan of {name} came out in {_TRIES} draws")
 
 
@@ -113,8 +112,8 @@ def _mall_networks(rng: np.random.Generator) -> NetworkParams:
 
 
 BUILDINGS: Final = {
-    "one corridor": BuildingKind(_one_corridor, _office_networks, (0.04, 0.16)),
-    "two corridors": BuildingKind(_two_corridors, _office_networks, (0.04, 0.16)),
+    "one corridor": BuildingKind(functools.partial(_office, 1, ONE_CORRIDOR_M2), _office_networks, (0.04, 0.16)),
+    "two corridors": BuildingKind(functools.partial(_office, 2, TWO_CORRIDORS_M2), _office_networks, (0.04, 0.16)),
     "ring": BuildingKind(_ring, _office_networks, (0.04, 0.16)),
     "wings and hall": BuildingKind(_wings, _office_networks, (0.04, 0.16)),
     "shopping centre": BuildingKind(_mall, _mall_networks, (0.02, 0.06)),

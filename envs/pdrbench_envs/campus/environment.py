@@ -17,6 +17,7 @@ from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.campus.walks import CampusWalks
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
 from pdrbench_envs.generated import start_place, start_pose, with_held_out
 from pdrbench_sim.units.strides import fitted, measure
@@ -47,65 +48,7 @@ FEET: Final = CampusWalks("CampusFoot-v1", GAITS, 1, by_lift=True)
 PEOPLE: Final = CampusWalks("CampusPhone-v1", PHONES, 2, by_lift=True)
 LOST: Final = "CampusPhoneLost-v1"
 
-_WHERE: Final = """\
-Every walk is in a building of its own, by a person of its own, and takes two to four minutes: a building is the unit of
-replication. Five kinds of buildings come equally often, and results are also given by kind: offices with one corridor
-(`one corridor`) and with two (`two corridors`), floors round a block or a court (`ring`), wings round a hall or an
-atrium (`wings and hall`), and shopping centres of two levels (`shopping centre`). In two walks of three people change
-level, by stairs with real treads{lifts}.
-"""
-_LIFTS: Final = " or by lift where there is one"
-_ABOUT_GAITS: Final = """
-**People** are of four kinds: `usual`, `gentle` (strollers), `slow` (slow and old, uneven) and `cart` (who push one).
-"""
-_ABOUT_STRIDES: Final = """
-**Handed out**: a foot-mounted unit reports every stride of one foot: length, change of height, change of heading, with
-errors that were measured on recordings of the foot: lengths about 2 cm short, by another amount in every walk, a
-heading that drifts by a constant turn per stride of a law with heavy tails, and a third of strides that err three
-times as much as the others. A stride is reported while the foot rests, and the foot still rests at the observation
-that delivers it: that is when and where its position is **scored**.
-
-**Given**: the building, the start with its heading (the heading of the first stride), the height of the person.
-
-**What is hard**: the drift bends a path by some ten degrees a minute, which walls and stairs give away, halls less.
-"""
-_ABOUT_FOOT: Final = """
-**Handed out** every 0.05 s: accelerometer, gyroscope and magnetometer of an Xsens MTx on the shoe at 120 Hz (5 g, so
-that brisk heel strikes are clipped), its mean rate of a minute at rest taken off; a barometer at 10 Hz; and the WLAN
-scans of a phone, about every two seconds, of which half the rows repeat older sightings (`age_s`).
-
-**Given**: the building, a radio map, the height of the person, place and level of the unit at the start, and as heading
-the direction from there to where the foot has come half a metre away. **Scored** is the place of the unit at every rest
-of the foot.
-
-**What is hard**: the heading drifts, near the floor the magnetic field is that of the floor, and a lift takes no steps.
-"""
-_ABOUT_SURVEY: Final = """
-**Radio maps** were walked by others, up to a year ago, with other phones: their density differs by a factor of four,
-and a box in twenty is replaced in a month.
-"""
-_ABOUT_PHONE: Final = """
-**People** are of nine kinds, as `docs/simulator.md` says; results are also given by kind:
-
-* `usual`: people of every stiffness of gait, the phone in the hand; `gentle`: bent knees; `slow`: slow and old people;
-* `pocket`: a phone that rattles in a trouser pocket; `swing`: in a swinging hand; `ear`: at the ear; `bag`: in a bag
-  that swings and bounces at the shoulder; `cart`: on the handle of a cart, which hardly shows steps;
-* `other phone`: in the hand, another phone for each person: bias, range, rate, noise, bandwidth, rounding, late stamps,
-  and an attitude that follows the compass within a second or hardly at all.
-
-**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 100 Hz, a barometer at 10 Hz,
-WLAN scans about every two seconds, Bluetooth beacons, and `level_change`, which is computed from pressure and steps by
-`pdrbench_formats.derive`. Where the phone is carried is given (`Briefing.mounting`), nothing else of the kind.
-"""
-_KNOWN: Final = """
-**Given**: the building, a radio map, the height of the person, place and level of the start; no heading. **Scored** is
-the place of the body every second.
-"""
-_UNKNOWN: Final = """
-**Given**: the building, a radio map and the height of the person: neither place nor level. The walks are those of
-`CampusPhone-v1`. **Scored** is the place of the body every second, from one period after the first WLAN scan on:
-nothing can be known before.
-"""
+LIFTS: Final = " or by lift where there is one"
 
 
 # Strides.
@@ -118,7 +61,7 @@ def task_stride() -> Task:
         Task(
             id=STRIDES.env,
             summary="Strides of one foot with measured errors, a new building for every walk; start pose known",
-            description=_WHERE.format(lifts="") + _ABOUT_GAITS + _ABOUT_STRIDES,
+            description=describe("campus", "campus_gaits", "campus_strides", lifts=""),
             sensors=(STRIDE,),
             capacity={"stride": 2},
             period_s=STRIDE_PERIOD_S,
@@ -202,7 +145,7 @@ def task_foot() -> Task:
         Task(
             id=FEET.env,
             summary="Raw signals of a unit on the foot and WLAN, a new building for every walk; start pose known",
-            description=_WHERE.format(lifts=_LIFTS) + _ABOUT_GAITS + _ABOUT_FOOT + _ABOUT_SURVEY,
+            description=describe("campus", "campus_gaits", "campus_foot", "campus_survey", lifts=LIFTS),
             sensors=specs,
             capacity=_capacity(specs),
             period_s=FOOT_PERIOD_S,
@@ -250,12 +193,12 @@ def at_observations(recording: Recording) -> Recording:
 
 def task_phone() -> Task:
     """A phone, start known; nothing is generated before it is loaded."""
-    return _phone_task(PEOPLE.env, "start place known", _KNOWN, is_lost=False)
+    return _phone_task(PEOPLE.env, "start place known", "campus_known", is_lost=False)
 
 
 def task_lost() -> Task:
     """The same walks, start unknown."""
-    return _phone_task(LOST, "start unknown", _UNKNOWN, is_lost=True)
+    return _phone_task(LOST, "start unknown", "campus_lost", is_lost=True)
 
 
 def _phone_task(env: str, start: str, about_start: str, *, is_lost: bool) -> Task:
@@ -266,7 +209,7 @@ def _phone_task(env: str, start: str, about_start: str, *, is_lost: bool) -> Tas
         Task(
             id=env,
             summary=f"A phone of nine kinds of people, a new building for every walk; {start}",
-            description=_WHERE.format(lifts=_LIFTS) + _ABOUT_PHONE + _ABOUT_SURVEY + about_start,
+            description=describe("campus", "campus_phone", "campus_survey", about_start, lifts=LIFTS),
             sensors=specs,
             capacity=_capacity(specs),
             period_s=PHONE_PERIOD_S,

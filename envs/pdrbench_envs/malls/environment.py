@@ -22,6 +22,7 @@ from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Trajectory
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.malls.splits import TEST, Walk, survey_of, walks
 from pdrbench_envs.malls.surveys import DATASET, checked, files, log_of, scans_of
@@ -40,43 +41,13 @@ _ID_KEY: Final = b"pdrbench.malls"
 # A walk of 3 s that ends before an answer could follow its first scan: `MallPhoneLost-v2` is without it.
 ENDS_BEFORE_A_SCAN: Final = "site1/B1/path_data_files/5dda3331c5b77e0006b17635.txt.xz"
 
-_DESCRIPTION: Final = """\
-Two shopping centres of five and nine levels, walked by surveyors who held one model of phone (OPPO PBCM10, Android
-8.1) flat in front of the body and marked surveyed places about every six metres. Walks last from 3 s to two minutes and
-never change level; one level has a plan and no walk. The briefing carries the floor plans of the whole mall (outline
-and shops; doors and inner walls are not drawn; every level has an origin of its own) and a radio map: the WiFi scans of
-other walks, placed by interpolating between waypoints.
-
-**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz, WiFi scans about every
-2.2 s of which half the rows repeat older sightings (`age_s`), and Bluetooth beacons.
-
-**What is hard**: the heading from the rotation vector is off by a constant of each walk and wanders on top of it;
-scans are late and sparse; the survey leaves corridors out; the plan leaves wide open space and is wrong in places.
-
-**Splits** are made of outings: recording sessions of one mall that follow one another within ten minutes, cut into
-parts of about twenty minutes. Units of replication are outings. Walks of `test` are on known floors, on two floors that
-occur nowhere else (`unseen floor`), or of 5 and 6 December, ten days and more after every scan of the survey (`two
-weeks later`). They share one survey for each mall, made of `train` walks that
-were recorded more than ten minutes from every test walk; walks of `val` have one of the same kind. A walk of `train`
-gets the survey of the other four folds. Only surveyed waypoints are scored.
-"""
-_KNOWN: Final = """
-**Start**: place and level of the first waypoint are given, the heading is not; the first waypoint is not scored.
-`test` has 150 walks of 31 outings.
-"""
-_LOST: Final = """
-**Start**: nothing is given; the level is to be found among all levels of the mall. Walks on floors without a scan in
-their survey are left out. Waypoints earlier than one period after the first WiFi scan are not scored: nothing can be
-known before. `test` has 115 walks of 20 outings.
-"""
-
 
 def task() -> Task:
     """Known start: first waypoint and level, heading unknown; every floor."""
     return _make_task(
         "MallPhone-v2",
         summary="Phone walks on 13 floors of two shopping centres, start known, sessions kept apart",
-        description=_DESCRIPTION + _KNOWN,
+        description=describe("malls", "malls_known"),
         is_lost=False,
     )
 
@@ -86,7 +57,7 @@ def task_lost() -> Task:
     return _make_task(
         "MallPhoneLost-v2",
         summary="Phone walks on 11 floors of two shopping centres, start unknown, radio survey of other sessions",
-        description=_DESCRIPTION + _LOST,
+        description=describe("malls", "malls_lost"),
         is_lost=True,
     )
 

@@ -19,6 +19,7 @@ from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Trajectory
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.malls.environment import PERIOD_S, SENSORS, after_first_scan, after_start
 from pdrbench_envs.recorded import opaque_id
@@ -44,45 +45,15 @@ _ID_KEY: Final = b"pdrbench.retail"
 # both environments have test walks; chosen by counts of walks in each building, without scores.
 _SPLIT_KEY: Final = b"pdrbench.retail split 16"
 
-_DESCRIPTION: Final = """\
-Shopping centres of the set "Indoor Location & Navigation" of 2021, as many of its 204 buildings as this machine has
-(`pdrbench data add kaggle_iln FOLDER`). Surveyors held phones of several makes flat in front of the body and marked
-places; a walk stays on one level. The briefing carries the plan of the building where the copy has one (outline and
-shops; doors are not drawn), and the WiFi scans of other walks, placed by interpolating between waypoints.
-
-**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector, WiFi scans with ages, beacons.
-
-**Splits** are by building: a keyed hash of its name makes it `test`, `val` or `train`, whatever other buildings there
-are. Inside a building, outings are walks that follow one another within ten minutes, cut into parts of about twenty.
-The survey of a walk is made of all walks that are more than ten minutes from every walk of its outing. Units of
-replication are buildings where the test split has eight or more, else outings.
-
-**What is hard**: many floors have no scan of another outing; headings of whole walks are off by tens of degrees.
-"""
-_KNOWN: Final = """
-**Start**: the first waypoint and the level are given, the heading is not; the first waypoint is not scored.
-"""
-_LOST: Final = """
-**Start**: nothing is given. Walks on levels without a scan in their survey are left out, and so are waypoints earlier
-than one period after the first scan.
-"""
-
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """One walk under its id.
+    """One walk under its id."""
 
-    Attributes:
-        index: Of its building.
-        walk: Its facts.
-        outing: First walk of its outing.
-        survey: Names of the files of its survey, as in `Scans`.
-    """
-
-    index: BuildingIndex
+    index: BuildingIndex  # of its building
     walk: WalkFacts
-    outing: str
-    survey: tuple[str, ...]
+    outing: str  # first walk of its outing
+    survey: tuple[str, ...]  # names of the files of its survey, as in `Scans`
 
     @property
     def site(self) -> str:
@@ -100,12 +71,12 @@ class Played:
 
 def task() -> Task:
     """Known start: first waypoint and level, heading unknown."""
-    return _make_task("RetailPhone-v1", "start known", _DESCRIPTION + _KNOWN, is_lost=False)
+    return _make_task("RetailPhone-v1", "start known", describe("retail", "retail_known"), is_lost=False)
 
 
 def task_lost() -> Task:
     """Unknown start; levels with a radio survey."""
-    return _make_task("RetailPhoneLost-v1", "start unknown", _DESCRIPTION + _LOST, is_lost=True)
+    return _make_task("RetailPhoneLost-v1", "start unknown", describe("retail", "retail_lost"), is_lost=True)
 
 
 def _make_task(name: str, what: str, description: str, *, is_lost: bool) -> Task:

@@ -80,27 +80,22 @@ class _Frame:
     rows: list[_Row] = field(default_factory=list)
 
 
-def make_ring_floors(
-    rng: np.random.Generator, *, num_levels: int = 3, name: str = "ring", params: RingParams | None = None
-) -> Building:
+def make_ring_floors(rng: np.random.Generator, *, num_levels: int = 3, name: str = "ring") -> Building:
     """Draws a building whose corridors are loops.
 
     Args:
         rng: Two buildings from generators in the same state are equal byte for byte.
         num_levels: Levels 0 to num_levels - 1.
         name: Name of the building.
-        params: Sizes; None for the defaults.
     """
-    params = params or RingParams()
+    params = RingParams()
     frame_rng, *level_rngs = rng.spawn(num_levels + 1)
     return _built(_ring_frame(frame_rng, params), level_rngs, name, params.office)
 
 
-def make_wings(
-    rng: np.random.Generator, *, num_levels: int = 3, name: str = "wings", params: WingParams | None = None
-) -> Building:
+def make_wings(rng: np.random.Generator, *, num_levels: int = 3, name: str = "wings") -> Building:
     """Draws a building of two or three wings round a hall; arguments as for `make_ring_floors`."""
-    params = params or WingParams()
+    params = WingParams()
     frame_rng, *level_rngs = rng.spawn(num_levels + 1)
     return _built(_wing_frame(frame_rng, params), level_rngs, name, params.office)
 

@@ -89,18 +89,6 @@ class NavigationMesh:
         portals = self._search(start, from_triangle, goal, to_triangle)
         return self._pull(start, from_triangle, goal, portals, clearance_m)
 
-    def reachable(self, start: Place) -> BoolArray:
-        """(P,) True for every floor polygon that some way from `start` leads to."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        one, other = self.portal_triangles.T
-        joined = coo_array((np.ones(len(one)), (one, other)), shape=(len(self.owner),) * 2)
-        _, component = connected_components(joined, directed=False)
-        found = np.zeros(len(self.building.polygons), dtype=np.bool_)
-        found[self.owner[component == component[self._triangle(start)]]] = True
-        return found
-
     def _triangle(self, place: Place) -> int:
         """The triangle of its polygon that a place lies in."""
         if not 0 <= place.polygon < len(self.building.polygons):

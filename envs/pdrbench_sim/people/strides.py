@@ -374,10 +374,3 @@ def report_times_s(rests: Stances, hold_s: float) -> FloatArray:
     A rest shorter than `hold_s` is reported at its beginning.
     """
     return np.maximum(np.minimum(rests.mid_s, rests.end_s - hold_s), rests.begin_s)
-
-
-def walkable_strides(building: Building, rests: Stances) -> BoolArray:
-    """(S - 1,) True where a stride runs free of walls and ends in the polygon of its rest."""
-    reached, free = building.move(rests.polygon[:-1], rests.xy_m[:-1], rests.xy_m[1:])
-    walkable: BoolArray = free & (reached == rests.polygon[1:])
-    return walkable

@@ -48,6 +48,7 @@ from pdrbench_sim.people.walk import (
 )
 
 _SPACINGS_M: Final = (0.1, 0.05, 0.025)  # of the points of a leg; a finer one where the way is too tight
+FREE_M: Final = 0.5  # of places from walls; ours
 MIN_LEG_M: Final = 0.05  # between two places; ours
 _MAX_PASSED_TURN_RAD: Final = math.radians(120.0)  # ours
 _MIN_U_TURN_M: Final = 6.0  # a shorter way is not turned round on; ours
@@ -115,23 +116,22 @@ NATURAL_WALK: Final = WalkParams(
 )
 
 
-def draw_place(
-    rng: np.random.Generator, mesh: NavigationMesh, *, level: int | None = None, clearance_m: float = 0.5
-) -> Place:
+def draw_place(rng: np.random.Generator, mesh: NavigationMesh, *, level: int | None = None) -> Place:
     """A place where a person could have business: uniform over the floor, off stairs, away from walls.
+
+    Where a thousand places are nearer than `FREE_M` to a wall of their floor polygon, that is waived.
 
     Args:
         rng: Draws places until one fits.
         mesh: Of the building.
         level: Only there; None for any.
-        clearance_m: Least distance from a wall of its floor polygon; waived where a thousand places had less.
     """
     building = mesh.building
     for _ in range(16):
         polygon, xy_m = building.sample_uniform(rng, 64, level)
         floor = np.array([building.polygons[p].kind == "floor" for p in polygon])
         for i in np.flatnonzero(floor):
-            near = walls_along(building, xy_m[i : i + 1], polygon[i : i + 1], clearance_m, 0)
+            near = walls_along(building, xy_m[i : i + 1], polygon[i : i + 1], FREE_M, 0)
             if not len(near.point):
                 return Place(int(polygon[i]), xy_m[i])
     return Place(int(polygon[-1]), xy_m[-1])

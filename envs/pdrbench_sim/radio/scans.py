@@ -83,34 +83,6 @@ class _Sweeps:
     at: IntArray  # (K,) int, number of the place of each sweep, counting those that differ in a row
 
 
-def scan_walk(
-    networks: Networks,
-    rng: np.random.Generator,
-    path: PhonePath,
-    *,
-    params: ScanParams | None = None,
-    receiver: Receiver | None = None,
-    doors_open: bool | None = None,
-) -> FloatArray:
-    """Scans of a phone from the beginning to the end of its path.
-
-    The first sweep begins with the path; before it the phone lay there, scanning, for as long as it remembers. All
-    channels of a sweep are received where the phone is in its middle, at most 1 m from where it was.
-
-    Args:
-        networks: Senders of the building.
-        rng: Everything that changes from walk to walk. A path that goes on has the same scans so far.
-        path: Of the phone.
-        params: None for the defaults.
-        receiver: None for a phone that reports what is.
-        doors_open: All of them, or none; None for doors that people open and close.
-
-    Returns:
-        (n, 5) rows of the `wifi` stream: delivered at, identifier, whole dBm, MHz, age.
-    """
-    return scan_walks(networks, [rng], [path], params=params, receiver=receiver, doors_open=doors_open)[0]
-
-
 def scan_walks(
     networks: Networks,
     rngs: Sequence[np.random.Generator],
@@ -121,9 +93,23 @@ def scan_walks(
     doors_open: bool | None = None,
     heard: float | None = None,
 ) -> list[FloatArray]:
-    """`scan_walk` for each of many paths, equal to the bit and faster: the walls are looked at once.
+    """Scans of phones from the beginning to the end of their paths; the walls are looked at once for all.
 
-    Where `heard` is given, each of them has the pace of a sweep that receives so many identifiers.
+    The first sweep begins with the path; before it the phone lay there, scanning, for as long as it remembers. All
+    channels of a sweep are received where the phone is in its middle, at most 1 m from where it was.
+
+    Args:
+        networks: Senders of the building.
+        rngs: Everything that changes from walk to walk. A path that goes on has the same scans so far, whatever other
+            paths there are.
+        paths: Of the phones.
+        params: None for the defaults.
+        receiver: None for phones that report what is.
+        doors_open: All of them, or none; None for doors that people open and close.
+        heard: Each of them has the pace of a sweep that receives so many identifiers; None: of its own first one.
+
+    Returns:
+        Of each path (n, 5) rows of the `wifi` stream: delivered at, identifier, whole dBm, MHz, age.
     """
     params, receiver = params or ScanParams(), receiver or Receiver()
     at_once = _heard_at_first(networks, paths) if heard is None else np.full(len(paths), heard)

@@ -9,9 +9,8 @@ from typing import Final
 
 from pdrbench.io.log import Log
 from pdrbench.trajectory import Trajectory
+from pdrbench_envs.descriptions import describe
 from pdrbench_envs.foot_recordings import (
-    HANDED_OUT,
-    POSE,
     FootSet,
     make_task,
     motion_capture,
@@ -50,7 +49,8 @@ _LOOPS: Final = FootSet(
 Loops of 81 to 89 m, some 10 by 29 m, walked at 5 km/h with a unit in the sole of the right shoe (Skog, Nilsson,
 Handel 2010). The shoe rests for a few seconds at both ends and stands on the same place to a centimetre.
 """
-    + HANDED_OUT.format(sensors="accelerometer, gyroscope and magnetometer at 250 Hz, a few rows of the last missing")
+    + "\n"
+    + describe("foot", sensors="accelerometer, gyroscope and magnetometer at 250 Hz, a few rows of the last missing")
     + _LOOP,
 )
 _SHORT: Final = FootSet(
@@ -68,7 +68,8 @@ _SHORT: Final = FootSet(
 One loop of some 25 m that ends where it began, of x-io's example of gait tracking. Samples were lost on the way to the
 logger: 165 steps of time are two to five times as long as the others.
 """
-    + HANDED_OUT.format(sensors="accelerometer and gyroscope at 398 Hz")
+    + "\n"
+    + describe("foot", sensors="accelerometer and gyroscope at 398 Hz")
     + _LOOP,
 )
 
@@ -100,8 +101,8 @@ aligned: 1.484 m right, 3.904 m left; of a factor graph with a constraint on the
 **What is hard**: 60 Hz, and a second of standing at the start, in which the gyroscope on the right foot reads up to 1.2
 degrees/s. The two feet are never farther apart than a step.
 """
-    + HANDED_OUT.format(sensors="accelerometer and gyroscope of both units at 60 Hz")
-    + POSE,
+    + "\n"
+    + describe("foot", "foot_start", sensors="accelerometer and gyroscope of both units at 60 Hz"),
 )
 task_loops = functools.partial(make_task, _LOOPS)
 task_short = functools.partial(make_task, _SHORT)

@@ -53,8 +53,9 @@ def train_person(number: int, *, group: str = "train", walk_s: float = WALK_S) -
         group: "train" or "val": people and buildings of the two have no seed in common.
         walk_s: How long it takes.
     """
+    from pdrbench_lab.realism.surveyors import SURVEYORS
     from pdrbench_sim.buildings.office import make_office
-    from pdrbench_sim.people.person import SURVEYORS, draw_person
+    from pdrbench_sim.people.person import draw_person
     from pdrbench_sim.record import Setup, make_scene, simulate_walk
 
     root = [SEED, {"train": 0, "val": 1}[group]]

@@ -15,10 +15,11 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.recording import Recording
+from pdrbench_lab.realism.surveyors import SURVEYORS
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.buildings.walls import walls_along
 from pdrbench_sim.fields.magnetic import MagneticParams
-from pdrbench_sim.people.person import SURVEYORS, Person, draw_person
+from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK
 from pdrbench_sim.radio.networks import draw_mall_networks

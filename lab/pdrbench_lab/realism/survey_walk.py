@@ -20,9 +20,10 @@ from scipy.ndimage import gaussian_filter1d
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, read_only, wrap_rad
 from pdrbench.trajectory import Trajectory
+from pdrbench_lab.realism.surveyors import SURVEYORS
 from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.people.body_line import arc_length_m
-from pdrbench_sim.people.person import SURVEYORS, draw_person
+from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.walk import Bout, SimulatedWalk
 
 HALF_M: Final = 400.0  # of the side of the floor: no walk comes near its walls
