@@ -20,7 +20,7 @@ from pdrbench.localizer_folder import parse_settings
 from pdrbench.report.pages import render
 from pdrbench_formats.taskfile.pack import fetch_pack
 from pdrbench_leaderboard.bundle import read_members
-from pdrbench_leaderboard.card import EXAMPLE, card_toml, read_card
+from pdrbench_leaderboard.card import card_of, card_toml, read_card
 from pdrbench_leaderboard.folder_archive import read_archive
 from pdrbench_leaderboard.schema import Name, read_json
 
@@ -50,7 +50,7 @@ def in_settings(name: str) -> object:
 
 
 def in_card(name: str) -> object:
-    return read_card(card_toml(msgspec.structs.replace(EXAMPLE, name=name)))
+    return read_card(card_toml(msgspec.structs.replace(card_of("stay"), name=name)))
 
 
 DOORS: dict[str, Callable[[str], object]] = {

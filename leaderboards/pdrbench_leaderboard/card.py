@@ -19,6 +19,7 @@ from pdrbench.settings import join_name, split_name
 from pdrbench_leaderboard.schema import EntryName, Line, Name, Passage, Remark, read_toml
 
 CARD_FILE: Final = "card.toml"
+TEMPLATE_FILE: Final = "card_template.toml"  # a card to fill in
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
 
 Url = Annotated[str, msgspec.Meta(pattern=r"^(https?://[^\s<>\"']{1,300})?\Z")]
@@ -101,11 +102,7 @@ def _card(fields: Mapping[str, Any], what: str) -> Card:
 
 
 def card_toml(card: Card) -> bytes:
-    """A card as TOML, with every field.
-
-    >>> read_card(card_toml(EXAMPLE)) == EXAMPLE
-    True
-    """
+    """A card as TOML, with every field."""
     lines = [f"{name} = {_toml(value)}" for name, value in msgspec.structs.asdict(card).items()]
     return ("\n".join(lines) + "\n").encode()
 
@@ -145,32 +142,8 @@ def template(localizer: str) -> str:
     """
     attribute = Path(localizer.rpartition(":")[2].partition(PACKAGES_MARK)[0]).name
     name = re.sub(r"[^a-z0-9_]+", "-", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", attribute).lower()).strip("-_")
-    return TEMPLATE.format(name=name or "mine")
-
-
-TEMPLATE: Final = """\
-name = "{name}"  # under which the leaderboards list it
-authors = []  # names, as in ["A. Author", "B. Author"]
-licence = ""  # of the code, as in "MIT"
-sensors_used = []  # that it reads where they are offered, as in ["accel", "gyro"]; see `pdrbench list envs --json`
-map_used = false  # whether it uses briefing.building
-survey_used = false  # whether it uses briefing.radio_map
-training_data = ""  # what anything in it was learned or tuned on; "none" where nothing was
-contact = ""
-paper = ""
-url = ""
-notes = ""
-"""
-
-EXAMPLE: Final = Card(
-    name="mine",
-    authors=("A. Author",),
-    licence="MIT",
-    sensors_used=("stride",),
-    map_used=False,
-    survey_used=False,
-    training_data="none",
-)
+    text = Path(__file__).with_name(TEMPLATE_FILE).read_text(encoding="utf-8")
+    return text.format(name=name or "mine")
 
 
 def _toml(value: str | bool | tuple[str, ...]) -> str:

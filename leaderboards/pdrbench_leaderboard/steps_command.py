@@ -161,10 +161,11 @@ def play(
         from pdrbench_leaderboard.boards import find_round
         from pdrbench_leaderboard.bundle import SUFFIX
         from pdrbench_leaderboard.confine.read_permissions import private_root
+        from pdrbench_leaderboard.entrants import absolute
         from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.play import answers_folder, find_parts
         from pdrbench_leaderboard.play import play as play_part
-        from pdrbench_leaderboard.run import Settings, absolute, unpacked
+        from pdrbench_leaderboard.run import Settings, unpacked
 
         settings = Settings(root=out, work=out, round=find_round(0), supplies=Supplies(wheels, weights, packages))
         spec = unpacked(localizer, settings).spec if localizer.endswith(SUFFIX) else absolute(localizer)

@@ -160,18 +160,11 @@ def notes(table: Table) -> Iterator[str]:
             "Private / public: off by on recordings whose truth is with the host alone, over that on walks of the same "
             "environment whose truth is public. What was learned by heart is much worse on the former."
         )
-    apart, every = table.agreement
-    if math.isfinite(every):
-        yield (
-            f"Kendall's tau of the orders on public and on held-out walks: {every:.2f} over all pairs, "
-            f"{number(apart)} over those told apart."
-        )
-    apart, every = table.halves_agree
-    if math.isfinite(every):
-        yield (
-            f"Kendall's tau of the orders on two random halves of the units: {every:.2f} over all pairs, "
-            f"{number(apart)} over those told apart."
-        )
+    orders = {"public and on held-out walks": table.agreement, "two random halves of the units": table.halves_agree}
+    for on, (apart, every) in orders.items():
+        if math.isfinite(every):
+            tau = f"Kendall's tau of the orders on {on}: {every:.2f} over all pairs"
+            yield f"{tau}, {number(apart)} over those told apart."
     every, low, high = table.generated_agrees
     if math.isfinite(every):
         yield (

@@ -14,7 +14,7 @@ import pytest
 from pdrbench import registry
 from pdrbench_leaderboard import boards
 from pdrbench_leaderboard.boards import Board, BoardEnvironment, Round
-from pdrbench_leaderboard.card import EXAMPLE, Card, card_toml
+from pdrbench_leaderboard.card import Card, card_toml
 from pdrbench_leaderboard.run import Settings, run
 
 ENV, DEAF = "Toy-v1", "ToyDeaf-v1"  # submitted localizers decline the second
@@ -100,6 +100,17 @@ def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
     path.write_text(SUBMITTED)
     return path
+
+
+EXAMPLE = Card(
+    name="mine",
+    authors=("A. Author",),
+    licence="MIT",
+    sensors_used=("stride",),
+    map_used=False,
+    survey_used=False,
+    training_data="none",
+)
 
 
 def card_named(name: str, **changes: object) -> Card:

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from pdrbench.errors import BundleError
 from pdrbench.registry import localizers
 from pdrbench.sensors import SENSORS
-from pdrbench_leaderboard.card import EXAMPLE, Card, card_of, card_toml, read_card, template
+from pdrbench_leaderboard.card import Card, card_of, card_toml, read_card, template
+
+from .conftest import EXAMPLE
 
 LINES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=60)
 

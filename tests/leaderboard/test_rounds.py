@@ -15,6 +15,7 @@ from pdrbench.task import commitment
 from pdrbench_leaderboard import boards, record
 from pdrbench_leaderboard.boards import Board, Round
 from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.entrants import Entrant
 from pdrbench_leaderboard.rounds import (
     MAX_SUBMISSIONS,
     SALT,
@@ -24,7 +25,7 @@ from pdrbench_leaderboard.rounds import (
     read_submissions,
     round_secret,
 )
-from pdrbench_leaderboard.run import Entrant, Settings, run, score_all
+from pdrbench_leaderboard.run import Settings, run, score_all
 from pdrbench_leaderboard.standings import read_tables
 
 from .conftest import ENV, ONE, ROUND, card_named

@@ -129,7 +129,7 @@ def test_what_is_not_installed_here_is_left_out_with_a_line(
     (folder / "localizer.py").unlink()
     path = folder / record.ENTRY_FILE
     path.write_text(path.read_text("utf-8").replace('"localizer.py:Mine"', '"of_elsewhere"'), "utf-8")
-    monkeypatch.setattr("pdrbench_leaderboard.run.DISTRIBUTION", "no other one")
+    monkeypatch.setattr("pdrbench_leaderboard.entrants.OURS", "no other one")
     first, *others = run([TOY], [], settings)
     assert first.why == "mine is not installed here"
     assert not any(of.played or of.why for of in others) and path.is_file()
@@ -138,7 +138,7 @@ def test_what_is_not_installed_here_is_left_out_with_a_line(
         raise UnsuitableError(f"{name} needs a package")
 
     path.write_text(path.read_text("utf-8").replace('"of_elsewhere"', '"stay"'), "utf-8")
-    monkeypatch.setattr("pdrbench_leaderboard.run.make_localizer", without_its_package)
+    monkeypatch.setattr("pdrbench_leaderboard.entrants.make_localizer", without_its_package)
     first, *others = run([TOY], [], settings)
     assert first.why == "mine is not installed here"
     assert not any(of.played or of.why for of in others)

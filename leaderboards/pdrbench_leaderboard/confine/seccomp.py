@@ -14,6 +14,8 @@ import errno
 import os
 import platform
 import struct
+import tomllib
+from pathlib import Path
 from typing import Final
 
 from pdrbench_leaderboard.confine.boot import prctl
@@ -27,43 +29,8 @@ FIRST_X32: Final = 0x40000000  # the other interface of x86-64, whose numbers wo
 FIRST_NEW: Final = 453  # calls that a library may try, and does without where the kernel has none such
 
 ARCHITECTURES: Final = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
-# Numbers on x86-64 and on aarch64 (None: it has no such call), what is called most first.
-ALLOWED: Final[dict[str, tuple[int | None, int | None]]] = {
-    **{"read": (0, 63), "write": (1, 64), "poll": (7, None), "ppoll": (271, 73), "munmap": (11, 215)},
-    **{"mprotect": (10, 226), "brk": (12, 214), "mremap": (25, 216), "sched_yield": (24, 124)},
-    **{"getpid": (39, 172), "gettid": (186, 178)},
-    # files, which Landlock decides on
-    **{"open": (2, None), "openat": (257, 56), "close": (3, 57), "close_range": (436, 436), "stat": (4, None)},
-    **{"lstat": (6, None), "fstat": (5, 80), "newfstatat": (262, 79), "statx": (332, 291), "lseek": (8, 62)},
-    **{"pread64": (17, 67), "pwrite64": (18, 68), "readv": (19, 65), "writev": (20, 66), "preadv": (295, 69)},
-    **{"pwritev": (296, 70), "access": (21, None), "faccessat": (269, 48), "faccessat2": (439, 439)},
-    **{"getdents": (78, None), "getdents64": (217, 61), "getcwd": (79, 17), "chdir": (80, 49)},
-    **{"fchdir": (81, 50), "rename": (82, None), "renameat": (264, 38), "renameat2": (316, 276)},
-    **{"mkdir": (83, None), "mkdirat": (258, 34), "rmdir": (84, None), "creat": (85, None), "unlink": (87, None)},
-    **{"unlinkat": (263, 35), "symlink": (88, None), "symlinkat": (266, 36), "readlink": (89, None)},
-    **{"readlinkat": (267, 78), "umask": (95, 166), "truncate": (76, 45), "ftruncate": (77, 46)},
-    **{"fallocate": (285, 47), "fsync": (74, 82), "fdatasync": (75, 83), "sendfile": (40, 71)},
-    **{"copy_file_range": (326, 285), "dup": (32, 23), "dup2": (33, None), "dup3": (292, 24)},
-    **{"getxattr": (191, 8), "lgetxattr": (192, 9), "fgetxattr": (193, 10), "listxattr": (194, 11)},
-    **{"llistxattr": (195, 12), "flistxattr": (196, 13), "msync": (26, 227)},
-    # signals and waiting
-    **{"rt_sigaction": (13, 134), "rt_sigprocmask": (14, 135), "rt_sigreturn": (15, 139)},
-    **{"rt_sigpending": (127, 136), "rt_sigtimedwait": (128, 137), "rt_sigsuspend": (130, 133)},
-    **{"sigaltstack": (131, 132), "pause": (34, None), "alarm": (37, None), "getitimer": (36, 102)},
-    **{"setitimer": (38, 103), "restart_syscall": (219, 128), "select": (23, None), "pselect6": (270, 72)},
-    # time
-    **{"nanosleep": (35, 101), "clock_getres": (229, 114), "gettimeofday": (96, 169), "time": (201, None)},
-    **{"times": (100, 153)},
-    # the process itself
-    **{"getppid": (110, 173), "getpgrp": (111, None), "getuid": (102, 174), "getgid": (104, 176)},
-    **{"geteuid": (107, 175), "getegid": (108, 177), "getresuid": (118, 148), "getresgid": (120, 150)},
-    **{"getgroups": (115, 158), "capget": (125, 90), "uname": (63, 160), "getrlimit": (97, 163)},
-    **{"exit": (60, 93), "exit_group": (231, 94), "wait4": (61, 260), "waitid": (247, 95)},
-    **{"set_robust_list": (273, 99), "set_tid_address": (218, 96), "rseq": (334, 293), "arch_prctl": (158, None)},
-    **{"getrandom": (318, 278), "membarrier": (324, 283), "getcpu": (309, 168), "sched_getaffinity": (204, 123)},
-    **{"sched_getscheduler": (145, 120), "sched_getparam": (143, 121), "sched_get_priority_max": (146, 125)},
-    **{"sched_get_priority_min": (147, 126)},
-}
+# Numbers on x86-64 and on aarch64 by name, as `seccomp.toml` has them.
+ALLOWED: Final[dict[str, list[int]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 # Calls that are allowed in part.
 FUTEX, MMAP, MADVISE, CLONE, CLONE3 = (202, 98), (9, 222), (28, 233), (56, 220), (435, 435)
 CLOCKS: Final = ((228, 113), (230, 115))  # clock_gettime, clock_nanosleep
@@ -153,7 +120,7 @@ def program(machine: str, pid: int) -> Instructions:
         filters += [(JUMP_EQUAL, 0, len(block) + 1, numbers[column]), *block, allow]
     for name in ALLOWED:
         number = ALLOWED[name][column]
-        if number is not None:
+        if number >= 0:
             filters += [(JUMP_EQUAL, 0, 1, number), allow]
     return [*filters, (JUMP_AT_LEAST, 0, 1, FIRST_NEW), (RETURN, 0, 0, ERRNO | errno.ENOSYS), DENY]
 
