@@ -30,13 +30,13 @@ from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorStream
 from pdrbench.sensors import BUILTIN, sensor_spec
 from pdrbench.task import HELD_OUT, SURVEYS, Task, no_survey
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_leaderboard.boards import num_replays
 
 Thing = TypeVar("Thing")
 
 MAX_SHIFT_M: Final = 500.0  # per axis: farther than a building is long, near enough for every digit
 MAX_CLOCK_ERROR: Final = 2e-5  # quartz of phones; 2 ms in 100 s
 MIN_WALL_M: Final = 1e-9  # shorter ones are rounding in a plan
-MIN_REPLAYS: Final = 8  # fewer test walks are replayed twice each
 IDENTIFIERS: Final = ("access_point", "beacon")
 PLACE: Final = ("x_m", "y_m")
 ATTITUDE: Final = ("qw", "qx", "qy", "qz")
@@ -239,15 +239,6 @@ class Disguise:
             streams=streams,
             reference=motion.reference(recording.reference),
         )
-
-
-def num_replays(num_walks: int) -> int:
-    """How many replays there are of so many test walks.
-
-    >>> num_replays(6), num_replays(23)
-    (12, 23)
-    """
-    return num_walks if num_walks >= MIN_REPLAYS else 2 * num_walks
 
 
 def replayed(task: Task, secret: str) -> Task:
