@@ -43,6 +43,8 @@ def read_toml(path: Path, kind: type[Table], page: str) -> Table:
         return msgspec.toml.decode(content.removeprefix(b"\xef\xbb\xbf"), type=kind)
     except msgspec.ValidationError as error:
         raise RecordingError(f"{path}: {explained(error, kind, page)}") from error
+    except RecursionError as error:
+        raise RecordingError(f"{path}: nested too deeply; write it again") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: not TOML: {error}; put texts into quotes") from error
 

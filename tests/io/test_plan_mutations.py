@@ -5,17 +5,20 @@ from __future__ import annotations
 import os
 import warnings
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from plan_mutations import changed, pick
 from plan_samples import FOREIGN, MADE, house, picture, plain
 
 from pdrbench.building.connectivity import reachable_parts
-from pdrbench.errors import PdrbenchError
+from pdrbench.errors import MapError, PdrbenchError
 from pdrbench_formats.detect import read_plan
+from pdrbench_formats.maps.assembly.shapes import eroded
 
 NUM = int(os.environ.get("PLAN_MUTATIONS", "6"))  # of each format
 PLANS: dict[str, Callable[[Path], Path]] = {
@@ -70,3 +73,29 @@ def test_a_large_picture_is_thinned_and_its_walls_are_kept(tmp_path: Path) -> No
     assert "picture thinned" in str(large.repairs)
     areas = [sorted(polygon.area_m2 for polygon in plan.building.polygons) for plan in (small, large)]
     assert areas[1] == pytest.approx(areas[0], rel=0.01)
+
+
+def test_damage_that_a_fuzzer_found_in_pictures_is_the_documented_error(tmp_path: Path) -> None:
+    pytest.importorskip("skimage")
+    path = picture(tmp_path)
+    image, table = path.with_suffix(".png"), path.with_suffix(".toml")
+    whole, name_alone = image.read_bytes(), b"a profile with a name and nothing else"
+    chunk = b"iCCP" + name_alone
+    header = 8 + 25  # of the file, and its first chunk
+    damaged = len(name_alone).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    image.write_bytes(whole[:header] + damaged + whole[header:])
+    with pytest.raises(MapError, match="no picture that can be read"):
+        read_plan(path)
+    image.write_bytes(whole)
+    table.write_text("metres_per_pixel = 1\nlevel = " + 4000 * "[")
+    with pytest.raises(MapError, match="nested too deeply"):
+        read_plan(table)
+
+
+def test_a_floor_with_many_holes_shrinks_as_a_buffer_does(rng: np.random.Generator) -> None:
+    """Holes that run into one another when they grow, one in a part that lies in a hole of another."""
+    dots = shapely.points(rng.uniform(0.5, 19.5, (150, 2))).tolist()
+    holes = shapely.union_all(shapely.buffer(dots, 0.2, quad_segs=2))
+    yard = shapely.box(0, 0, 40, 20).difference(shapely.box(21, 1, 39, 19))
+    floor = yard.difference(holes).union(shapely.box(25, 5, 35, 15).difference(shapely.box(28, 8, 30, 10)))
+    assert shapely.symmetric_difference(eroded(floor, 0.4), floor.buffer(-0.4)).area < 1e-3 * floor.area  # arcs are of chords

@@ -117,7 +117,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
 
 def _grey(path: Path) -> ByteArray:
     """(H, W) brightness from 0, black, to 255, white; transparent is white."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     container = files.opened(path)
     content = files.member(container, path.name)
@@ -132,7 +132,9 @@ def _grey(path: Path) -> ByteArray:
                 white = Image.new("RGBA", rgba.size, "white")
                 image = Image.alpha_composite(white, rgba)  # type: ignore[assignment]
             grey: ByteArray = np.asarray(image.convert("L"))
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except MapError:
+        raise
+    except Exception as error:  # of damaged files Pillow's readers raise whatever they stumble upon
         raise MapError(f"{path}: no picture that can be read ({error}); save it as PNG") from error
     return grey
 

@@ -12,7 +12,7 @@ import shapely
 from pdrbench_formats.maps.assembly.doors import MIN_DOOR_M, door_gaps, doors_of
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, DrawnLevel, RepairLog
 from pdrbench_formats.maps.assembly.shafts import open_shafts
-from pdrbench_formats.maps.assembly.shapes import large_parts, touching_vertices, without
+from pdrbench_formats.maps.assembly.shapes import eroded, large_parts, touching_vertices, without
 
 SNAP_M: Final = 0.005  # vertices closer than this are one
 WIDE_SNAP_M: Final = 0.015  # the same where cells would not hang together otherwise
@@ -73,7 +73,7 @@ def _split(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]
             shape = inner.buffer(GAP_M - 0.002, join_style="mitre", mitre_limit=3.0)
             shape = shapely.intersection(shape, cell.shape)
         parts = sorted(large_parts(shape, 0.0), key=lambda part: -part.area)
-        kept = [part for part in parts if part.area >= MIN_PART_M2 and not part.buffer(-MIN_WIDTH_M / 2).is_empty]
+        kept = [part for part in parts if part.area >= MIN_PART_M2 and not eroded(part, MIN_WIDTH_M / 2).is_empty]
         if cell.shaft >= 0:
             kept = kept or parts[:1]
         for part in parts:

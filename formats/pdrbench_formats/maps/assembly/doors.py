@@ -14,7 +14,7 @@ from shapely import ops
 
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.assembly.drawing import Cell, DrawnLevel, RepairLog
-from pdrbench_formats.maps.assembly.shapes import common, large_parts, without
+from pdrbench_formats.maps.assembly.shapes import common, eroded, large_parts, without
 
 MIN_DOOR_M: Final = 0.3  # a narrower opening is no door
 DOOR_REACHES_M: Final = (0.05, 0.12, 0.25, 0.45, 0.7)  # from the line of a door to the floor on both sides
@@ -54,7 +54,7 @@ def door_gaps(shape: Any) -> list[Any]:
     Rooms are what a disc wider than a door can sweep; a gap is where two of them meet or almost meet.
     """
     half_m = MAX_FOUND_DOOR_M / 2
-    cores = large_parts(shape.buffer(-half_m), 0.0)
+    cores = large_parts(eroded(shape, half_m), 0.0)
     rooms = [core.buffer(half_m) for core in cores]
     found: list[Any] = []
     if len(rooms) < 2:

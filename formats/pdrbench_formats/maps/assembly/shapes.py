@@ -135,6 +135,18 @@ def large_parts(shape: Any, min_m2: float) -> list[Any]:
     return [part for part in _flat(shapely.get_parts(shape)) if part.geom_type == "Polygon" and part.area > min_m2]
 
 
+def eroded(shape: Any, by_m: float) -> Any:
+    """What a disc of radius `by_m` inside of a geometry reaches with its middle.
+
+    Every hole is grown by itself: thousands that run into one another take a buffer of the whole minutes.
+    """
+    found = []
+    for part in large_parts(shape, 0.0):
+        holes = shapely.buffer([shapely.Polygon(hole) for hole in part.interiors], by_m)
+        found.append(shapely.difference(shapely.Polygon(part.exterior).buffer(-by_m), shapely.union_all(holes)))
+    return shapely.union_all(found)
+
+
 def touching_vertices(shape: Any) -> FloatArray:
     """(N, 2) vertices that occur twice: rings that touch cannot be cut into convex cells."""
     found = [np.zeros((0, 2))]
