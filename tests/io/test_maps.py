@@ -258,6 +258,11 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         "holds no numbers",
     ),
     "long name": (lambda p: toml_of(p, "a" * 999), "a' is no file beside it"),
+    "no name": (lambda p: toml_of(p, "a\\u0000.png"), "'a\\x00.png' is no file beside it"),
+    "endless origin": (
+        lambda p: written_text(p / "map.yaml", ros_map(p).read_text().replace("-2.5, 0.0", "inf, inf")),
+        "origin is [-3.0, inf, inf]",
+    ),
     "elsewhere": (lambda p: toml_of(p, "../x.png"), "'../x.png' is no file beside it"),
     "pdf": (lambda p: written_bytes(p / "a.pdf", b"%PDF-1.4"), "save the page as PNG"),
 }

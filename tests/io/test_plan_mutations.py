@@ -98,4 +98,6 @@ def test_a_floor_with_many_holes_shrinks_as_a_buffer_does(rng: np.random.Generat
     holes = shapely.union_all(shapely.buffer(dots, 0.2, quad_segs=2))
     yard = shapely.box(0, 0, 40, 20).difference(shapely.box(21, 1, 39, 19))
     floor = yard.difference(holes).union(shapely.box(25, 5, 35, 15).difference(shapely.box(28, 8, 30, 10)))
-    assert shapely.symmetric_difference(eroded(floor, 0.4), floor.buffer(-0.4)).area < 1e-3 * floor.area  # arcs are of chords
+    assert (
+        shapely.symmetric_difference(eroded(floor, 0.4), floor.buffer(-0.4)).area < 1e-3 * floor.area
+    )  # arcs are of chords

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import pdrbench
-from pdrbench.errors import RecordingError
+from pdrbench.errors import PdrbenchError, RecordingError
 
 GOOD = ("first", "second")
 REASONS = {
@@ -108,3 +109,17 @@ def test_a_recording_that_breaks_while_a_sweep_goes_on_fails_alone(folder: Path)
     with pytest.raises(RecordingError, match="looks like g"):
         task.load("second")
     assert len(task.load("first").streams) >= 2
+
+
+@pytest.mark.parametrize(
+    ("table", "where"),
+    [
+        ('[[walk]]\nfile = "a\\u0000.csv"\n', "walk (number 1).file"),
+        ('[[walk]]\nfile = "a.csv"\nstart = {xy_m = [inf, 0.0]}\n', "start.xy_m"),
+        ('[plan]\nfile = "a.geojson"\nalign = {turn_deg = nan}\n', "plan.align.turn_deg"),
+    ],
+)
+def test_numbers_without_end_and_names_that_no_system_has_are_refused(tmp_path: Path, table: str, where: str) -> None:
+    (tmp_path / "task.toml").write_text(table)
+    with pytest.raises(PdrbenchError, match=re.escape(where)):
+        pdrbench.make_task(str(tmp_path))

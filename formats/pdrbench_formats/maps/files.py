@@ -91,6 +91,6 @@ def toml_table(path: Path, kind: type[Table], needs: str) -> Table:
 def beside(table: Path, name: str) -> Path:
     """The path of a file in the folder of a table that names it; `MapError` where it would lie elsewhere."""
     inside = PurePosixPath(name)
-    if inside.is_absolute() or ".." in inside.parts or not 0 < len(name) <= MAX_NAME:
+    if inside.is_absolute() or ".." in inside.parts or not 0 < len(name) <= MAX_NAME or not name.isprintable():
         raise MapError(f"{table}: {name[:80]!r} is no file beside it; copy it there")
     return table.parent / inside

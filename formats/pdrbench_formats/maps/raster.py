@@ -346,6 +346,8 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: {error}; a map needs image, resolution and origin") from error
     if not 1e-4 < ros.resolution < 10:
         raise MapError(f"{path}: resolution is {ros.resolution:g}; expected metres a pixel")
+    if not np.isfinite(ros.origin).all():
+        raise MapError(f"{path}: origin is {list(ros.origin)}; expected x and y in metres and a turn in radians")
     pixels, levels = _grey(files.beside(path, ros.image)), np.arange(256) / 255.0
     occupied = levels if ros.negate else 1.0 - levels
     free = occupied < ros.free_thresh

@@ -13,8 +13,10 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.task import StartKnowledge
 from pdrbench_formats.toml import read_toml
 
-_Positive = Annotated[float, msgspec.Meta(gt=0)]
-_Name = Annotated[str, msgspec.Meta(min_length=1)]
+_FINITE = 1e12
+_Number = Annotated[float, msgspec.Meta(ge=-_FINITE, le=_FINITE)]
+_Positive = Annotated[float, msgspec.Meta(gt=0, le=_FINITE)]
+_Name = Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^\x00]*$")]
 
 
 class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -55,9 +57,9 @@ class AlignTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         scale: Metres per unit of the plan.
     """
 
-    lat_deg: float | None = None
-    lon_deg: float | None = None
-    turn_deg: float = 0.0
+    lat_deg: _Number | None = None
+    lon_deg: _Number | None = None
+    turn_deg: _Number = 0.0
     scale: _Positive = 1.0
 
 
@@ -83,9 +85,9 @@ class StartTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         radius_m: How far off it may be.
     """
 
-    xy_m: tuple[float, float] | None = None
+    xy_m: tuple[_Number, _Number] | None = None
     level: int = 0
-    heading_deg: float | None = None
+    heading_deg: _Number | None = None
     radius_m: Annotated[float, msgspec.Meta(ge=0)] = 0.0
 
     @property
