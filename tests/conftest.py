@@ -59,6 +59,11 @@ FLAGS: Final = (
 KEYS: Final = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39, "ArrowDown": 40, "Home": 36, "End": 35}
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Of `-n auto`: one more than there are cores, since there is always a test that waits for a deadline or a page."""
+    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) + 1
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """A generator with a fixed seed: same numbers in every run."""
