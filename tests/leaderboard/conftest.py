@@ -78,7 +78,7 @@ def clear_registry() -> None:
     importlib.invalidate_caches()
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The toy package is installed, as pip leaves it: a module, and the entry points of its distribution."""
     root = tmp_path_factory.mktemp("site")
@@ -94,7 +94,7 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     clear_registry()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
@@ -117,7 +117,7 @@ def card_named(name: str, **changes: object) -> Card:
     return msgspec.structs.replace(EXAMPLE, name=name, **{"sensors_used": ("position",), **changes})
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def toy_board(toy: None) -> Iterator[Board]:
     """The only board there is."""
     with pytest.MonkeyPatch.context() as patch:
@@ -139,7 +139,7 @@ def mine(submitted: Path, tmp_path: Path) -> tuple[str, Path]:
     return f"{submitted}:Mine", card
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def played(toy_board: Board, submitted: Path, tmp_path_factory: pytest.TempPathFactory) -> Settings:
     """A folder with entries of the classes above and of `stay`; to be copied before it is changed."""
     place = tmp_path_factory.mktemp("played")
