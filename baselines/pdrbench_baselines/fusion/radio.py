@@ -192,7 +192,7 @@ def off_the_others(radio_map: RadioMap) -> float:
     """How often the next walker will be where nobody surveyed: what the survey says of its own walks.
 
     Mean over the walks of the part that no walk along another route came near to, at least `ELSEWHERE`; 1 where all
-    went one way. In eleven shopping centres it is 0.16 to 0.75, in a museum of four routes 0.9.
+    went one way. In eight shopping centres it is 0.16 to 0.75, in a museum of four routes 0.9.
     """
     levels, walks = np.unique(radio_map.level), np.unique(radio_map.walk)
     squares = []
