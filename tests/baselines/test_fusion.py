@@ -23,7 +23,7 @@ from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import open_space
-from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence, off_the_others
+from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence, fraction_off_survey
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
@@ -336,11 +336,11 @@ def test_a_survey_says_how_often_the_next_walker_is_where_nobody_surveyed() -> N
             xy_m, np.zeros(num, int), walk, np.zeros(num + 1, int), np.zeros(0, int), np.zeros(0), np.zeros(0)
         )
 
-    assert off_the_others(survey((0, 0, 1), (0, 1, 1))) == 1.0  # the same way twice tells nothing of others
-    assert off_the_others(survey((0, 0, 1), (0, 90, 1))) == 1.0
+    assert fraction_off_survey(survey((0, 0, 1), (0, 1, 1))) == 1.0  # the same way twice tells nothing of others
+    assert fraction_off_survey(survey((0, 0, 1), (0, 90, 1))) == 1.0
     # two ways of twelve squares from one corner, and two that go on from their middle: of the former 0, 1 and 5 to 11
     # are on or beside another, of the latter 0 to 6
-    assert off_the_others(survey((0, 0, 1), (0, 0, 0), (30, 0, 1), (0, 30, 0))) == pytest.approx(1 - (9 + 7) / 24)
+    assert fraction_off_survey(survey((0, 0, 1), (0, 0, 0), (30, 0, 1), (0, 30, 0))) == pytest.approx(1 - (9 + 7) / 24)
 
 
 def test_scans_in_quick_succession_count_together_as_one(radio: RadioEvidence) -> None:

@@ -25,7 +25,7 @@ from pdrbench_baselines.fusion.free import FreeCloud
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import MARGIN_M, open_space
 from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
-from pdrbench_baselines.fusion.radio import ELSEWHERE, RadioEvidence, off_the_others
+from pdrbench_baselines.fusion.radio import ELSEWHERE, RadioEvidence, fraction_off_survey
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
@@ -190,7 +190,7 @@ class Fusion(NetworkLocalizer):
             params = replace(params, field=replace(params.field, margin_m=MARGIN_M))
         is_kept = radio is not None and radio.radio_map is radio_map and radio.building is plan
         if radio is None or not is_kept or radio.params != params:
-            off_legs = ELSEWHERE if briefing.start is None else off_the_others(radio_map)
+            off_legs = ELSEWHERE if briefing.start is None else fraction_off_survey(radio_map)
             radio = RadioEvidence(radio_map, plan, params, scans.map_error_m, off_legs)
         trust, near_trust = scans.trust, scans.fingerprint_trust
         if briefing.start is not None:

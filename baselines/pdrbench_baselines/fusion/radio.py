@@ -42,7 +42,7 @@ class RadioEvidence:
         building: Its floor is where the lattice is; without one that is around the survey.
         params: Of the radio map.
         error_m: By which the radio map is off, per axis: likelihoods are spread so far.
-        off_legs: How often a walker is away from the legs of the survey; of a map without walls.
+        off_legs: Fraction of the time that a walker is away from the legs of the survey; only used without a building.
 
     Attributes:
         params: Of the radio map.
@@ -188,11 +188,12 @@ class RadioEvidence:
         return filtered(value) / self._reached[number]
 
 
-def off_the_others(radio_map: RadioMap) -> float:
-    """How often the next walker will be where nobody surveyed: what the survey says of its own walks.
+def fraction_off_survey(radio_map: RadioMap) -> float:
+    """Fraction of the time that the next walker will be where nobody surveyed, estimated by leaving out routes; ours.
 
-    Mean over the walks of the part that no walk along another route came near to, at least `ELSEWHERE`; 1 where all
-    went one way. In eight shopping centres it is 0.16 to 0.75, in a museum of four routes 0.9.
+    The floor is divided into squares of 5 m. A square that a survey walk crosses counts as surveyed where a walk along
+    another route crosses it or a neighbour of it; walks along the same route (`SAME_ROUTE`) are left out together. The
+    mean over walks of the fraction that is not, at least `ELSEWHERE`; 1 where all walks follow one route.
     """
     levels, walks = np.unique(radio_map.level), np.unique(radio_map.walk)
     squares = []
@@ -205,7 +206,7 @@ def off_the_others(radio_map: RadioMap) -> float:
     shape = [of.max() + 2 for of in square]
 
     def crossed(reach: int) -> csr_array:
-        """(W, squares) 1 where a walk comes as near to a square as that many others."""
+        """(W, squares) 1 where a walk crosses a square, or one that is at most `reach` squares away."""
         steps = [(0, x, y) for x in range(-reach, reach + 1) for y in range(-reach, reach + 1)]
         at = [np.ravel_multi_index([of + by for of, by in zip(square, step, strict=True)], shape) for step in steps]
         row = np.tile(walk, len(steps))
@@ -214,8 +215,10 @@ def off_the_others(radio_map: RadioMap) -> float:
         return found
 
     own, near = crossed(0), crossed(1)
+    # fraction (W, W) of the squares of one walk that another comes near to, and which walks follow the same route
     shared = (own @ near.T) / own.sum(axis=1)[:, None]
     same = (shared.minimum(shared.T) >= SAME_ROUTE).astype(np.float32)
+    # (W, squares) by how many walks along other routes each own square is surveyed
     others = own.multiply(near.sum(axis=0)[None]) - own.multiply(same @ near)
     return max(ELSEWHERE, 1.0 - float(np.mean((others > 0.5).sum(axis=1) / own.sum(axis=1))))
 

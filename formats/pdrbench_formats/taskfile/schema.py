@@ -13,9 +13,9 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.task import StartKnowledge
 from pdrbench_formats.toml import read_toml
 
-_FINITE = 1e12
-_Number = Annotated[float, msgspec.Meta(ge=-_FINITE, le=_FINITE)]
-_Positive = Annotated[float, msgspec.Meta(gt=0, le=_FINITE)]
+_LARGEST = 1e12  # of any number: TOML has inf and nan
+_Number = Annotated[float, msgspec.Meta(ge=-_LARGEST, le=_LARGEST)]
+_Positive = Annotated[float, msgspec.Meta(gt=0, le=_LARGEST)]
 _Name = Annotated[str, msgspec.Meta(min_length=1, pattern=r"^[^\x00]*$")]
 
 
