@@ -17,6 +17,7 @@ from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec
 from pdrbench.trajectory import Start
 
 HELD_OUT = "heldout"
+NOISE_M = 0.01  # of a reference: that of a laser or a tape
 FILES_SHA256 = "files_sha256"  # of a walk, in what a result says of its origin
 SPLITS = ("train", "val", "test", HELD_OUT)
 MIN_SECRET_CHARACTERS = 32  # 128 bits in hex; its digest is public, so a short one could be guessed
@@ -107,7 +108,7 @@ class Task:
     files_sha256: Callable[[str], str] = registered_files
     units: Mapping[str, str] = field(default_factory=dict)
     unit_kind: str = "building"
-    noise_m: float = 0.01
+    noise_m: float = NOISE_M
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     folds: Mapping[str, int] = field(default_factory=dict)
     random_as: Mapping[str, str] = field(default_factory=dict)

@@ -1,9 +1,12 @@
-"""Boards: which environments an entry is played on, and the secrets behind their held-out walks."""
+"""Boards: which environments an entry is played on, and the secrets behind their held-out walks.
+
+They stand in a file `boards.toml`: ours in the package, those of a competition in its folder, which is then the root
+of its entries as well.
+"""
 
 from __future__ import annotations
 
 import functools
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -13,13 +16,16 @@ import msgspec
 
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, unknown_name
-from pdrbench.registry import TASK_FILE, make_task
-from pdrbench.task import HELD_OUT, Task, commitment
+from pdrbench.metrics.table import METRICS
+from pdrbench.registry import TASK_FILE, environments, make_task
+from pdrbench.task import HELD_OUT, NOISE_M, Task, commitment
 from pdrbench_leaderboard.confine.read_permissions import PRIVATE_VARIABLE, private_root
 from pdrbench_leaderboard.rounds import round_secret
-from pdrbench_leaderboard.schema import Line, Name, Record, Sha256
+from pdrbench_leaderboard.schema import MAX_TEXT_BYTES, Line, Name, Record, Sha256, read_limited, read_toml
 
 BOARDS_FILE: Final = "boards.toml"
+OF_ANSWERS: Final = frozenset({"held", "answered", "resampled", "reference", "building"})  # what a metric may take
+P75: Final = "p75_level_penalised_m"  # the metric that ranks, where a board names no other
 Part = Literal["public", "held-out", "private"]
 PARTS: Final[tuple[Part, ...]] = ("public", "held-out", "private")
 PRIVATE: Final[Part] = "private"  # recordings whose truth nobody has but the host
@@ -42,11 +48,33 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
     env: Name  # id, with its version
     walks: Count | None = None  # first so many of the public test split; None: all
     held_out_walks: Count | None = None  # likewise
+    home: Path | None = None  # folder of the file of boards, where that is not ours
+
+    @property
+    def spec(self) -> str:
+        """As `make_task` takes it: its id, or the task folder of that id beside the file of boards."""
+        own = None if self.home is None else self.home.absolute() / self.env
+        return str(own) if own is not None and (own / TASK_FILE).is_file() else self.env
+
+    @property
+    def is_here(self) -> bool:
+        """False for a task folder of a competition that stays with its hosts."""
+        return self.spec != self.env or self.env in environments()
 
     @property
     def is_generated(self) -> bool:
         """Whether its walks are generated, so that a secret makes others; recorded ones are replayed."""
-        return make_task(self.env).held_out is not None
+        return self.is_here and make_task(self.spec).held_out is not None
+
+    @property
+    def noise_m(self) -> float:
+        """Error of its reference."""
+        return make_task(self.spec).noise_m if self.is_here else NOISE_M
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether nothing says where its walks begin."""
+        return self.is_here and make_task(self.spec).start == "unknown"
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -70,7 +98,7 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
         """How many walks of it rank."""
         if self.held_out_walks is not None:
             return self.held_out_walks
-        return num_replays(len(make_task(self.env).split("test")))
+        return num_replays(len(make_task(self.spec).split("test")))
 
     def first(self, count: int | None) -> BoardEnvironment:
         """The same with at most so many walks of each part; None: all."""
@@ -82,13 +110,13 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
     @property
     def has_data(self) -> bool:
         """Whether the recorded data that it needs is found."""
-        dataset = make_task(self.env).dataset
+        dataset = make_task(self.spec).dataset
         return dataset is None or is_available(dataset)
 
-    def task(self, part: Part, secret: str) -> Task:
+    def task(self, part: Part = "public", secret: str | None = None) -> Task:
         """The task that has the walks of a part; raises `BundleError` where private walks are not here."""
         if part != PRIVATE:
-            return make_task(self.env, secret)
+            return make_task(self.spec, secret)
         if self.private is None:
             raise BundleError(f"no private walks of {self.env}: {PRIVATE_VARIABLE} names the folder that has them")
         return make_task(str(self.private))
@@ -107,6 +135,8 @@ class Board(Record, frozen=True, kw_only=True):
     summary: Line  # one sentence
     lost_m: Annotated[float, msgspec.Meta(gt=0)]  # a walk is lost where its third quartile is above it
     environments: tuple[BoardEnvironment, ...]
+    metric: str = P75  # that ranks: of which less is better
+    home: Path | None = None  # folder of its file, where that is not ours
 
     def environment(self, env: str) -> BoardEnvironment:
         """What the board takes of an environment; raises `UnknownNameError` where it takes nothing."""
@@ -114,6 +144,15 @@ class Board(Record, frozen=True, kw_only=True):
             if listed.env == env:
                 return listed
         raise unknown_name(f"environment of the board {self.name}", env, [listed.env for listed in self.environments])
+
+    @property
+    def score_title(self) -> str:
+        """What its scores are, as the head of a column says it."""
+        return "off by, m" if self.metric == P75 else self.metric
+
+    def round(self, number: int) -> Round:
+        """A round of the file that has this board; raises `BundleError`."""
+        return find_round(number, self.home)
 
 
 class Round(Record, frozen=True, kw_only=True):
@@ -148,10 +187,31 @@ class _File(Record, frozen=True):
     rounds: tuple[Round, ...]
 
 
-@functools.cache
-def _file() -> _File:
-    content = package_files("pdrbench_leaderboard").joinpath(BOARDS_FILE).read_text(encoding="utf-8")
-    return msgspec.convert(tomllib.loads(content), _File)
+def boards_file(root: Path | None = None) -> Path:
+    """The file of boards of a root: its own, else ours."""
+    own = None if root is None else root / BOARDS_FILE
+    return own if own is not None and own.is_file() else Path(str(package_files("pdrbench_leaderboard"))) / BOARDS_FILE
+
+
+@functools.lru_cache(maxsize=16)
+def _read(path: Path, mtime_ns: int) -> _File:
+    found = read_toml(read_limited(path, MAX_TEXT_BYTES), _File, str(path))
+    home = None if path == boards_file() else path.parent
+    read = {}
+    for name, board in found.boards.items():
+        metric = METRICS[board.metric]
+        if metric.better != "lower" or not set(metric.takes) <= OF_ANSWERS:
+            raise BundleError(f"{path}: {metric.name} cannot rank on {name}: only one of answers, the less the better")
+        environments = tuple(msgspec.structs.replace(listed, home=home) for listed in board.environments)
+        read[name] = msgspec.structs.replace(board, name=name, home=home, environments=environments)
+    if not read or not found.rounds:
+        raise BundleError(f"{path} lists no board, or no round")
+    return msgspec.structs.replace(found, boards=read)
+
+
+def _file(root: Path | None) -> _File:
+    path = boards_file(root)
+    return _read(path, path.stat().st_mtime_ns)
 
 
 def read_secret(path: Path) -> str:
@@ -162,36 +222,36 @@ def read_secret(path: Path) -> str:
         raise BundleError(f"cannot read the secret in {path}: {type(error).__name__}") from None
 
 
-def boards() -> Mapping[str, Board]:
-    """Every board by name, in the order of the pages."""
-    return {name: msgspec.structs.replace(board, name=name) for name, board in _file().boards.items()}
+def boards(root: Path | None = None) -> Mapping[str, Board]:
+    """Every board by name, in the order of the pages; raises `BundleError` where the file of boards is wrong."""
+    return _file(root).boards
 
 
-def ranked_walks() -> Mapping[str, Mapping[str, int]]:
+def ranked_walks(root: Path | None = None) -> Mapping[str, Mapping[str, int]]:
     """How many walks of each environment rank, by board."""
-    return {name: {of.env: of.ranked_walks for of in board.environments} for name, board in boards().items()}
+    return {name: {of.spec: of.ranked_walks for of in board.environments} for name, board in boards(root).items()}
 
 
-def find_board(name: str) -> Board:
+def find_board(name: str, root: Path | None = None) -> Board:
     """The board of this name; raises `UnknownNameError`."""
-    if name not in boards():
-        raise unknown_name("board", name, boards())
-    return boards()[name]
+    if name not in boards(root):
+        raise unknown_name("board", name, boards(root))
+    return boards(root)[name]
 
 
-def chosen_boards(names: Sequence[str]) -> list[Board]:
+def chosen_boards(names: Sequence[str], root: Path | None = None) -> list[Board]:
     """Boards by name, each once; all where none is named."""
-    return [find_board(name) for name in dict.fromkeys(names or boards())]
+    return [find_board(name, root) for name in dict.fromkeys(names or boards(root))]
 
 
-def rounds() -> Mapping[int, Round]:
+def rounds(root: Path | None = None) -> Mapping[int, Round]:
     """Every round by number."""
-    return {of.number: of for of in _file().rounds}
+    return {of.number: of for of in _file(root).rounds}
 
 
-def find_round(number: int | None = None) -> Round:
+def find_round(number: int | None = None, root: Path | None = None) -> Round:
     """A round by its number, the newest where there is none; raises `BundleError`."""
-    known = rounds()
+    known = rounds(root)
     number = max(known) if number is None else number
     if number not in known:
         raise BundleError(f"there is no round {number}; rounds: {', '.join(map(str, sorted(known)))}")

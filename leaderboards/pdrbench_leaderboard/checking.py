@@ -13,9 +13,8 @@ import numpy as np
 from pdrbench.errors import BundleError, DatasetError, PdrbenchError
 from pdrbench.evaluation import answers
 from pdrbench.geometry import FloatArray
-from pdrbench.registry import make_task
 from pdrbench_leaderboard import table
-from pdrbench_leaderboard.boards import PRIVATE, Board, find_round
+from pdrbench_leaderboard.boards import PRIVATE, Board
 from pdrbench_leaderboard.draw import make_truth, opaque_names
 from pdrbench_leaderboard.record import (
     PartWalks,
@@ -28,7 +27,7 @@ from pdrbench_leaderboard.record import (
     read_walks,
 )
 from pdrbench_leaderboard.schema import Finding
-from pdrbench_leaderboard.score import METRICS, walk_values
+from pdrbench_leaderboard.score import kept_metrics, walk_values
 from pdrbench_leaderboard.standings import DIVISIONS, RANKING, Entry, Table, read_tables
 
 SAMPLED: Final = 2  # walks of each part whose scores are computed again
@@ -131,14 +130,17 @@ def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: i
     if walks.part == PRIVATE:
         yield Finding(name, True, "not scored: its truth is with its host alone")
         return
-    secret = find_round(walks.round).secret
+    secret = board.round(walks.round).secret
     if not secret:
         yield Finding(name, True, f"not scored: the secret of round {walks.round} is not published")
         return
     listed = board.environment(walks.env)
+    if not listed.is_here:
+        yield Finding(name, True, "not scored: its recordings are with its host alone")
+        return
     try:
         names = opaque_names(listed, walks.part, secret)
-        task = make_task(walks.env, secret)
+        task = listed.task(walks.part, secret)
         truths = [make_truth(task, task.load(names[walk.name])) for walk in walks.walks[:sampled]]
     except (DatasetError, KeyError) as error:
         is_absent = isinstance(error, DatasetError)
@@ -155,8 +157,9 @@ def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: i
             first += walk.moments
             if found.statuses[place] != "c":
                 continue
-            again = walk_values(answers.from_whole_numbers(rows, truth.reference.t_s, answers.COARSE), truth)
-            for metric in METRICS:
+            estimates = answers.from_whole_numbers(rows, truth.reference.t_s, answers.COARSE)
+            again = walk_values(estimates, truth, board.metric)
+            for metric in kept_metrics(board.metric):
                 stated = numbers(found.values[metric])[place]
                 if not np.isclose(again[metric], stated, rtol=SAME, atol=SAME, equal_nan=True):
                     wrong = f"{metric} of walk {walk.name} is {stated:.4g}, its answers give {again[metric]:.4g}"

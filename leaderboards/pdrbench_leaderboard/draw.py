@@ -140,14 +140,15 @@ def made_by(listed: BoardEnvironment, part: Part) -> str:
     packages = sorted({"pdrbench_leaderboard", *environment_packages()})
     numbers = (listed.walks, listed.held_out_walks)
     parts = [
-        environment_version(listed.env),
+        environment_version(listed.spec),
         numbers,
         versions()["numpy"],
         *(package_sha256(name) for name in packages),
     ]
-    if part == PRIVATE:
-        task = listed.task(part, "")
-        parts += [environment_version(str(listed.private)), *map(task.files_sha256, task.split("test"))]
+    if part == PRIVATE or listed.spec != listed.env:
+        task = listed.task(part)
+        place = str(listed.private) if part == PRIVATE else listed.spec
+        parts += [environment_version(place), *map(task.files_sha256, task.split("test"))]
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""`pdrbench leaderboard run|draw|play|score|build|check|serve|key|round`."""
+"""`pdrbench leaderboard new|run|draw|play|score|build|check|serve|key|round`."""
 
 from __future__ import annotations
 
@@ -27,6 +27,30 @@ add_step_commands(app)
 HOST: Final = "127.0.0.1"  # reachable from this machine only
 
 
+@app.command("new")
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", file_okay=False, help="New folder of the competition.")],
+    env: Annotated[list[str], typer.Option(metavar="ENV", help="Id or task folder; repeat for several.")],
+    title: Annotated[str, typer.Option(metavar="TEXT", show_default="name of the folder")] = "",
+    private: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", file_okay=False, help="New folder of secret and key.", show_default="DIR-private"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Lay out a competition of one's own: boards, rounds, keys, and a workflow that publishes the pages."""
+    with answer_only(as_json):
+        from pdrbench_leaderboard.competition import new_competition
+
+        apart = private or folder.absolute().with_name(f"{folder.absolute().name}-private")
+        written = new_competition(folder, env, title or folder.absolute().name, apart)
+    if as_json:
+        print_json({"files": written, "private": apart})
+        return
+    say(f"{folder}: {', '.join(path.name for path in written)}")
+    say(f"{apart} holds the master secret and the key that signs: keep it with two people, and never publish it")
+
+
 @app.command("build")
 def build(
     root: Root = ROOT,
@@ -42,13 +66,13 @@ def build(
         from pdrbench_leaderboard.site import write_site
         from pdrbench_leaderboard.standings import read_tables
 
-        tables = {name: read_tables(root, board) for name, board in boards().items()}
+        tables = {board: read_tables(root, board) for board in boards(root).values()}
         written = []
-        for name, of in tables.items():
-            written.append(make_folder(root / name) / table.FILE_NAME)
-            write_whole(written[-1], table.page(boards()[name], of).encode())
+        for board, of in tables.items():
+            written.append(make_folder(root / board.name) / table.FILE_NAME)
+            write_whole(written[-1], table.page(board, of).encode())
         pages = write_site(tables, out)
-        rows = [dataclasses.asdict(separability(boards()[name], of)) for name, of in tables.items()]
+        rows = [dataclasses.asdict(separability(board, of)) for board, of in tables.items()]
     if as_json:
         print_json({"boards": rows, "tables": written, "site": out, "files": len(pages)})
         return
@@ -66,7 +90,7 @@ def check(root: Root = ROOT, as_json: AsJson = False) -> None:
         from pdrbench_leaderboard.standings import read_tables
 
         checks, rows = [], []
-        for board in boards().values():
+        for board in boards(root).values():
             checks += list(check_board(root, board))
             with contextlib.suppress(BundleError):  # a check has said so
                 rows.append(separability(board, read_tables(root, board)))
@@ -115,7 +139,8 @@ def release(
     from pdrbench_leaderboard.signing import check_listed
 
     record, _ = read_entry(entry)
-    root, of_round = entry.absolute().parents[1], find_round(max((of.round for of in record.parts), default=0))
+    root = entry.absolute().parents[1]
+    of_round = find_round(max((of.round for of in record.parts), default=0), root)
     check_listed(key, root)
     if not is_ours(entry.absolute(), Settings(root, work or Settings.work_of(of_round.number), of_round, key=key)):
         raise BundleError(

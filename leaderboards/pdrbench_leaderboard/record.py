@@ -233,7 +233,7 @@ def read_entry(folder: Path) -> tuple[EntryRecord, Card]:
     if hashlib.sha256(content).hexdigest() != record.answers_sha256:
         raise BundleError(f"{folder / ANSWERS_FILE} is not the one that {ENTRY_FILE} was written with")
     for of in (of for part in record.parts for of in part.divisions):
-        is_whole = of.values.keys() == {*VALUES} and len(of.quantiles_m) in (0, len(QUANTILES))
+        is_whole = of.values.keys() >= {*VALUES} and len(of.quantiles_m) in (0, len(QUANTILES))
         if not is_whole or {*map(len, of.values.values())} != {len(of.statuses)}:
             raise BundleError(f"{path} has not one value of each metric for each walk")
     if (record.board, folder_name(record.name)) != (folder.parent.name, folder.name) or card.name != record.name:
@@ -330,7 +330,11 @@ def is_verified(folder: Path, record: EntryRecord) -> bool:
     if not path.is_file():
         is_registered = split_name(record.spec)[0] in localizers() and record.spec == record.name
         is_free = is_registered or not (folder.parents[1] / KEYS_FILE).is_file()
-        return is_free and not held(record) and all(find_round(part.round).secret for part in record.parts)
+        return (
+            is_free
+            and not held(record)
+            and all(find_round(part.round, folder.parents[1]).secret for part in record.parts)
+        )
     keys = read_keys(folder.parents[1])
     body, key = signed_text(read_limited(path, MAX_FILE_BYTES), keys, str(path))
     found = read_json(body.encode(), Verification, str(path))

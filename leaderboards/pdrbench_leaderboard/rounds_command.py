@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
 from pdrbench.cli.output import note, say
-from pdrbench_leaderboard.boards import BOARDS_FILE, find_round, read_secret, rounds
+from pdrbench_leaderboard.boards import boards_file, find_round, read_secret, rounds
 from pdrbench_leaderboard.rounds import begin_round, end_round
+from pdrbench_leaderboard.steps_command import ROOT, Root
 
 LOST_MASTER: Final = (
     "keep the master secret with two people: without it no entry can be played in an open round, and its walks "
@@ -19,34 +19,27 @@ LOST_MASTER: Final = (
 app = typer.Typer(no_args_is_help=True, help="For maintainers: rounds of held-out walks.")
 
 Master = Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Master secret, of all rounds.")]
-File = Annotated[
-    Path | None, typer.Option("--file", metavar="FILE", help="File of rounds.", show_default="of this checkout")
-]
-
-
-def _place(file: Path | None) -> Path:
-    return file or Path(str(package_files("pdrbench_leaderboard"))) / BOARDS_FILE
 
 
 @app.command("new")
-def new(master: Master, file: File = None) -> None:
+def new(master: Master, root: Root = ROOT) -> None:
     """Begin the next round: its number, and what is published of its secret, before there are submissions."""
-    number, digest = begin_round(_place(file), list(rounds()), read_secret(master))
+    number, digest = begin_round(boards_file(root), list(rounds(root)), read_secret(master))
     say(f"round {number}: {digest}")
     note(LOST_MASTER)
 
 
 @app.command("end")
-def end(number: Annotated[int, typer.Argument(metavar="N", min=0)], master: Master, file: File = None) -> None:
+def end(number: Annotated[int, typer.Argument(metavar="N", min=0)], master: Master, root: Root = ROOT) -> None:
     """Publish the secret of a round, so that any user can play its held-out walks."""
-    say(f"round {number} is over: {end_round(_place(file), number, read_secret(master))}")
+    say(f"round {number} is over: {end_round(boards_file(root), number, read_secret(master))}")
 
 
 @app.command("rotate")
-def rotate(master: Master, file: File = None) -> None:
+def rotate(master: Master, root: Root = ROOT) -> None:
     """End the newest round and begin the next; verified entries keep their ranks until each has been played again."""
     secret = read_secret(master)
-    before, place, known = find_round(), _place(file), list(rounds())
+    before, place, known = find_round(None, root), boards_file(root), list(rounds(root))
     if not before.secret:
         say(f"round {before.number} is over: {end_round(place, before.number, secret)}")
     number, digest = begin_round(place, known, secret)

@@ -49,7 +49,7 @@ from pdrbench_leaderboard.record import (
     write_walks,
 )
 from pdrbench_leaderboard.rounds import MAX_SUBMISSIONS, author_of, has_to_wait
-from pdrbench_leaderboard.score import score_part
+from pdrbench_leaderboard.score import kept_metrics, score_part
 from pdrbench_leaderboard.signing import check_listed
 from pdrbench_leaderboard.submission import find_card, unpack_bundle
 
@@ -242,7 +242,7 @@ def score_all(boards: Sequence[Board], entrant: Entrant, answers: Path, settings
                 folder = answers_folder(answers, drawn.observations)
                 if folder.is_dir() and drawn.observations.is_dir():
                     results = _as_played_by(entrant, read_played(folder, drawn.observations))
-                    yield _enter_all(board.name, drawn, [entrant], results, settings, was_elsewhere=True)
+                    yield _enter_all(board, drawn, [entrant], results, settings, was_elsewhere=True)
 
 
 def _as_played_by(entrant: Entrant, results: Sequence[Result]) -> list[Result]:
@@ -271,16 +271,16 @@ def _run_part(
             write_walks(folder, known)
         else:
             known = None
-    todo = [one for one in wanted if not _is_done(folder, one, known, settings)]
+    todo = [one for one in wanted if not _is_done(board, one, known, settings)]
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
         return Outcome(board.name, listed.env, part, kept=kept)
     drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
-    return _enter_all(board.name, drawn, todo, _play(drawn, todo, settings), settings, kept)
+    return _enter_all(board, drawn, todo, _play(drawn, todo, settings), settings, kept)
 
 
 def _enter_all(
-    board: str,
+    board: Board,
     drawn: DrawnPart,
     todo: Sequence[Entrant],
     results: Sequence[Result],
@@ -290,10 +290,10 @@ def _enter_all(
     was_elsewhere: bool = False,
 ) -> Outcome:
     """Scores what was played, and writes entries."""
-    folder = settings.root / board
+    folder = settings.root / board.name
     place = drawn.env, drawn.part
     known, now = newest(folder, place), part_walks(drawn, settings.round.number)
-    scored = score_part(drawn, results, jobs=settings.jobs)
+    scored = score_part(drawn, results, metric=board.metric, jobs=settings.jobs)
     played, declined = [], {} if known is None or known.sha256 != now.sha256 else dict(known.declined)
     refused: dict[str, str] = {}
     waiting: dict[str, str] = {}
@@ -315,12 +315,12 @@ def _enter_all(
             waiting |= {one.card.name: shown.held} if shown.held else {}
         parts = [scored[one.spec, division] for division in (ONLINE, OFFLINE) if (one.spec, division) in scored]
         first = next(result for result in of if result.status != UNSUITABLE)
-        _enter(one, board, settings, part_record(now, parts, one.sha256, first.provenance, shown))
+        _enter(one, board.name, settings, part_record(now, parts, one.sha256, first.provenance, shown))
         played.append(one.card.name)
     now = msgspec.structs.replace(now, declined=declined)
     write_walks(folder, now)
     out = tuple(one.card.name for one in todo if one.card.name in declined)
-    return Outcome(board, drawn.env, drawn.part, tuple(played), kept, out, refused, waiting)
+    return Outcome(board.name, drawn.env, drawn.part, tuple(played), kept, out, refused, waiting)
 
 
 def _unconfined(results: Sequence[Result]) -> str:
@@ -384,9 +384,9 @@ def newest(folder: Path, place: tuple[str, Part]) -> PartWalks | None:
     return drawn[-1] if drawn else None
 
 
-def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, settings: Settings) -> bool:
-    """Whether the same code has played these walks."""
-    place = folder / folder_name(entrant.card.name)
+def _is_done(board: Board, entrant: Entrant, known: PartWalks | None, settings: Settings) -> bool:
+    """Whether the same code has played these walks, and was scored by the metric that ranks."""
+    place = settings.root / board.name / folder_name(entrant.card.name)
     if known is None:
         return False
     if known.declined.get(entrant.card.name) == entrant.sha256:
@@ -395,6 +395,7 @@ def _is_done(folder: Path, entrant: Entrant, known: PartWalks | None, settings: 
         return False
     record, _ = read_entry(place)
     mine = [of for of in record.parts if (of.place, of.walks_sha256) == ((known.env, known.part), known.sha256)]
+    mine = [of for of in mine if all(kept_metrics(board.metric).keys() <= one.values.keys() for one in of.divisions)]
     return any((of.localizer_sha256, of.versions) == (entrant.sha256, versions()) for of in mine)
 
 

@@ -19,11 +19,12 @@ from pdrbench.metrics.level import level_differences
 from pdrbench.metrics.position import errors_m
 from pdrbench.result import COMPLETE, FAILED, ONLINE, UNSUITABLE, Result
 from pdrbench.trajectory import Estimates, Trajectory
+from pdrbench_leaderboard.boards import P75
 from pdrbench_leaderboard.draw import DrawnPart, Truth, read_truth
 
 # Metrics of a walk that are kept, and what they are called in an entry
 METRICS: Final[Mapping[str, str]] = {
-    "p75_m": "p75_level_penalised_m",
+    "p75_m": P75,
     "mean_m": "mean_m",
     "p95_m": "p95_m",
     "level": "level_hit_rate",
@@ -68,12 +69,20 @@ class _ScoredWalk:
     whole: answers.Whole  # (6, M) answers at the scored moments
 
 
-def score_part(drawn: DrawnPart, results: Sequence[Result], *, jobs: int = 1) -> dict[tuple[str, str], ScoredPart]:
+def kept_metrics(metric: str = P75) -> Mapping[str, str]:
+    """Metrics of a walk by what they are called in an entry, on a board that ranks by one of them."""
+    return METRICS if metric == P75 else {**METRICS, metric: metric}
+
+
+def score_part(
+    drawn: DrawnPart, results: Sequence[Result], *, metric: str = P75, jobs: int = 1
+) -> dict[tuple[str, str], ScoredPart]:
     """Scores of each localizer by its name and division.
 
     Args:
         drawn: The walks.
         results: Of one or more localizers on all of them, as `play` returns them.
+        metric: That ranks.
         jobs: Processes.
     """
     import joblib
@@ -82,21 +91,21 @@ def score_part(drawn: DrawnPart, results: Sequence[Result], *, jobs: int = 1) ->
     for result in results:
         if result.walk in by_walk:  # canaries have no truth
             by_walk[result.walk].append(result)
-    tasks = (joblib.delayed(_score_walk)(drawn, name, of) for name, of in by_walk.items())
+    tasks = (joblib.delayed(_score_walk)(drawn, name, of, metric) for name, of in by_walk.items())
     scored = joblib.Parallel(n_jobs=jobs)(tasks)
     found: dict[tuple[str, str], list[tuple[Result, _ScoredWalk]]] = {}
     for of_walk, of_scored in zip(by_walk.values(), scored, strict=True):
         for result, one in zip(of_walk, of_scored, strict=True):
             found.setdefault((result.localizer, result.division), []).append((result, one))
-    return {place: _part(pairs) for place, pairs in found.items()}
+    return {place: _part(pairs, (*kept_metrics(metric), *VALUES)) for place, pairs in found.items()}
 
 
-def _score_walk(drawn: DrawnPart, name: str, results: Sequence[Result]) -> list[_ScoredWalk]:
+def _score_walk(drawn: DrawnPart, name: str, results: Sequence[Result], metric: str) -> list[_ScoredWalk]:
     truth = read_truth(drawn, name)
-    return [_score_one(result, truth) for result in results]
+    return [_score_one(result, truth, metric) for result in results]
 
 
-def _score_one(result: Result, truth: Truth) -> _ScoredWalk:
+def _score_one(result: Result, truth: Truth, metric: str) -> _ScoredWalk:
     """Scores what is packed: the answers in force at the scored moments, as they are rounded."""
     reference = truth.reference
     kept = at_moments(result.estimates, truth)
@@ -104,7 +113,7 @@ def _score_one(result: Result, truth: Truth) -> _ScoredWalk:
     if result.status != COMPLETE:
         return _ScoredWalk({}, np.zeros(0), whole)
     estimates = answers.from_whole_numbers(whole, reference.t_s, answers.COARSE)
-    values = walk_values(estimates, truth)
+    values = walk_values(estimates, truth, metric)
     values["load"] = _cpu_s(result) / truth.duration_s if truth.duration_s > 0 else math.nan
     held = hold_at(estimates, reference.t_s, truth.fallback)
     return _ScoredWalk(values, penalised_errors_m(held, reference), whole)
@@ -125,12 +134,11 @@ def at_moments(estimates: Estimates, truth: Truth) -> Estimates:
     )
 
 
-def walk_values(estimates: Estimates, truth: Truth) -> dict[str, float]:
+def walk_values(estimates: Estimates, truth: Truth, metric: str = P75) -> dict[str, float]:
     """Metrics of a walk from its packed answers."""
-    reference = truth.reference
-    names = METRICS.values()
-    scores = score_estimates(estimates, reference, truth.building, truth.fallback, names=names)
-    return {name: scores[metric] for name, metric in METRICS.items()} | {"found_s": _found_s(estimates, truth)}
+    reference, kept = truth.reference, kept_metrics(metric)
+    scores = score_estimates(estimates, reference, truth.building, truth.fallback, names=kept.values())
+    return {name: scores[of] for name, of in kept.items()} | {"found_s": _found_s(estimates, truth)}
 
 
 def _found_s(estimates: Estimates, truth: Truth) -> float:
@@ -148,14 +156,14 @@ def _cpu_s(result: Result) -> float:
     return float(known) if known else float(np.nansum([result.reset_s, np.nansum(result.step_s)]))
 
 
-def _part(pairs: Sequence[tuple[Result, _ScoredWalk]]) -> ScoredPart:
+def _part(pairs: Sequence[tuple[Result, _ScoredWalk]], names: Sequence[str]) -> ScoredPart:
     errors = np.concatenate([np.zeros(0), *(one.errors_m for _, one in pairs)])
     failures = Counter(last_line(result.failure) for result, _ in pairs if result.status != COMPLETE)
     return ScoredPart(
         division=pairs[0][0].division if pairs else ONLINE,
         statuses="".join(LETTERS[result.status] for result, _ in pairs),
         failures=dict(failures.most_common()),
-        values={name: np.array([one.values.get(name, math.nan) for _, one in pairs]) for name in VALUES},
+        values={name: np.array([one.values.get(name, math.nan) for _, one in pairs]) for name in names},
         moments=len(errors),
         quantiles_m=np.quantile(errors, QUANTILES) if len(errors) else np.zeros(0),
         answers=answers.encode(np.concatenate([one.whole for _, one in pairs], axis=1)),

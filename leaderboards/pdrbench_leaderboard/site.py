@@ -23,11 +23,10 @@ from pdrbench.errors import DatasetError
 from pdrbench.evaluation import answers
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.recording import Recording
-from pdrbench.registry import make_task
 from pdrbench.report.pages import plain_value
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import pictures, table
-from pdrbench_leaderboard.boards import boards, find_round
+from pdrbench_leaderboard.boards import Board
 from pdrbench_leaderboard.checking import separability
 from pdrbench_leaderboard.draw import make_truth, opaque_names
 from pdrbench_leaderboard.record import read_answers
@@ -51,24 +50,25 @@ class Replay:
     data: str  # for the script that moves the spots
 
 
-def write_site(tables: Mapping[str, Sequence[Table]], folder: Path) -> list[Path]:
+def write_site(tables: Mapping[Board, Sequence[Table]], folder: Path) -> list[Path]:
     """Writes the whole site; files of the same name are replaced, others left.
 
     Args:
-        tables: Both divisions of each board by its name, in the order of the index.
+        tables: Both divisions of each board, in the order of the index.
         folder: Made where it is missing.
 
     Returns:
         Every file written.
     """
     pages, written = _templates(), []
-    shown = {name: replays(of[0]) if of else [] for name, of in tables.items()}
-    cards = [_index_card(name, of, shown[name]) for name, of in tables.items()]
+    shown = {board.name: replays(of[0]) if of else [] for board, of in tables.items()}
+    cards = [_index_card(board, of, shown[board.name]) for board, of in tables.items()]
     common: dict[str, Any] = {"version": __version__, "boards": cards, "sensors": _sensors(tables)}
     files = importlib.resources.files("pdrbench_leaderboard") / "page"
     texts = {f"page/{name}": (files / name).read_text(encoding="utf-8") for name in FILES}
     texts["index.html"] = pages.get_template("index.html").render(common)
-    for card, (name, of) in zip(cards, tables.items(), strict=True):
+    for card, of in zip(cards, tables.values(), strict=True):
+        name = card["name"]
         facts = {"board": card, "divisions": [_division(one) for one in of], "replays": shown[name]}
         texts[f"{name}.html"] = pages.get_template("board.html").render({**common, **facts})
         texts[f"{name}.json"] = json.dumps(board_json(name, of), indent=1, allow_nan=False) + "\n"
@@ -109,22 +109,22 @@ def web_address(url: str) -> str:
     return url if re.fullmatch(r"https?://[^\s<>\"'\\]+", url) else ""
 
 
-def _sensors(tables: Mapping[str, Sequence[Table]]) -> list[str]:
+def _sensors(tables: Mapping[Board, Sequence[Table]]) -> list[str]:
     """Sensors that any entry reads, in the order of the house."""
     used = {name for of in tables.values() for one in of for entry in one.entries for name in entry.card.sensors_used}
     return [name for name in SENSORS if name in used]
 
 
-def _index_card(name: str, tables: Sequence[Table], replays: Sequence[Replay]) -> dict[str, Any]:
+def _index_card(board: Board, tables: Sequence[Table], replays: Sequence[Replay]) -> dict[str, Any]:
     """What the index shows of a board, with the walk on which its first entries differ most."""
-    board = boards()[name]
     online = tables[0] if tables else None
     facts = separability(board, tables)
     return {
-        "name": name,
+        "name": board.name,
         "title": board.title,
+        "score_title": board.score_title,
         "summary": board.summary,
-        "start": all(make_task(listed.env).start != "unknown" for listed in board.environments),
+        "start": not any(listed.is_lost for listed in board.environments),
         "replays": replays[:1],
         "rows": [_shown(row) for row in online.rows] if online is not None else [],
         "first": FIRST,
@@ -167,7 +167,7 @@ def _division(found: Table) -> dict[str, Any]:
     return {
         "name": found.division,
         "title": table.DIVISION_TITLES[found.division],
-        "head": [name for name in table.shown_head(found) if name not in ("rank", "entry", "off by, m", "uses")],
+        "head": [name for name in table.shown_head(found) if name not in ("rank", "entry", table.SCORE, "uses")],
         "rows": [_shown(row) for row in found.rows],
         "order": pictures.order_picture(found),
         "ties": bool(found.ranking and found.ranking.ties),
@@ -205,7 +205,7 @@ def replays(found: Table) -> list[Replay]:
     candidates = []
     for listed in found.board.environments:
         walks = found.walks.get((listed.env, "public"))
-        if walks is None or not find_round(walks.round).secret:
+        if walks is None or not found.board.round(walks.round).secret:
             continue
         for other in rows[1:]:
             values = [found.values(row.entry, part="public").get(listed.env) for row in (rows[0], other)]
@@ -230,8 +230,9 @@ def replays(found: Table) -> list[Replay]:
 
 def _replay(found: Table, env: str, place: int, pair: tuple[Row, Row]) -> Replay:
     walks = found.walks[env, "public"]
-    task, listed = make_task(env), found.board.environment(env)
-    ids = opaque_names(listed, "public", find_round(walks.round).secret)
+    listed = found.board.environment(env)
+    task = listed.task()
+    ids = opaque_names(listed, "public", found.board.round(walks.round).secret)
     recording = task.load(ids[walks.walks[place].name])
     truth = make_truth(task, recording)
     reference = truth.reference

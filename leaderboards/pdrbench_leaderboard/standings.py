@@ -19,9 +19,9 @@ from pdrbench.errors import BundleError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.ranking import Ranking, Standing, rank
 from pdrbench.metrics.statistics import DRAWS, MIN_UNITS, unit_codes
-from pdrbench.registry import make_task
+from pdrbench.metrics.table import METRICS
 from pdrbench.result import ONLINE
-from pdrbench_leaderboard.boards import PARTS, PRIVATE, Board, BoardEnvironment, Part
+from pdrbench_leaderboard.boards import P75, PARTS, PRIVATE, Board, BoardEnvironment, Part
 from pdrbench_leaderboard.card import Card
 from pdrbench_leaderboard.record import (
     DivisionRecord,
@@ -36,6 +36,7 @@ from pdrbench_leaderboard.record import (
 from pdrbench_leaderboard.score import QUANTILES
 
 RANKING: Final = "p75_m"
+LEAST: Final = 1e-6  # no walk counts as better, by a metric that is no length
 SPLITS: Final = 20  # of the units into halves
 DRAW_SEED: Final = 0  # the same results give the same p-values
 DIVISIONS: Final = ("online", "offline")
@@ -126,7 +127,7 @@ class Table:
     @functools.cached_property
     def is_lost(self) -> bool:
         """Whether nothing says where the walks begin."""
-        return all(make_task(listed.env).start == "unknown" for listed in self.environments())
+        return all(listed.is_lost for listed in self.environments())
 
     def divisions(self, entry: Entry, part: Part = "held-out") -> dict[str, DivisionRecord]:
         """How an entry did, by environment; online where it did not revise."""
@@ -139,8 +140,16 @@ class Table:
         return found
 
     def values(self, entry: Entry, name: str = RANKING, part: Part = "held-out") -> dict[str, FloatArray]:
-        """(W,) values of a metric by environment."""
-        return {env: numbers(of.values[name]) for env, of in self.divisions(entry, part).items()}
+        """(W,) values of a metric by environment; raises `BundleError` where they are not kept."""
+        found = self.divisions(entry, part)
+        if any(name not in of.values for of in found.values()):
+            raise BundleError(f"{entry.name} has no {name}: play it anew with `pdrbench leaderboard run`")
+        return {env: numbers(of.values[name]) for env, of in found.items()}
+
+    @property
+    def ranked_by(self) -> str:
+        """What the metric that ranks is called in an entry."""
+        return RANKING if self.board.metric == P75 else self.board.metric
 
     @functools.cached_property
     def ranking(self) -> Ranking | None:
@@ -167,7 +176,9 @@ class Table:
         """Order on some walks of a part."""
         keep = {name: of for name, of in keep.items() if of.any()}
         values = {
-            entry.name: {name: of[keep[name]] for name, of in self.values(entry, part=part).items() if name in keep}
+            entry.name: {
+                name: of[keep[name]] for name, of in self.values(entry, self.ranked_by, part).items() if name in keep
+            }
             for entry in self.entries
         }
         if not any(np.isfinite(of).any() for by_env in values.values() for of in by_env.values()):
@@ -176,8 +187,10 @@ class Table:
             name: [walk.unit for walk, kept in zip(self.walks[name, part].walks, of, strict=True) if kept]
             for name, of in keep.items()
         }
-        noise_m = {name: make_task(name).noise_m for name in keep}
-        return rank(values, units=units, noise_m=noise_m, rng=np.random.default_rng(DRAW_SEED), draws=draws)
+        floor = {name: self.board.environment(name).noise_m for name in keep}
+        if METRICS[self.board.metric].unit != "m":
+            floor = dict.fromkeys(keep, LEAST)
+        return rank(values, units=units, noise_m=floor, rng=np.random.default_rng(DRAW_SEED), draws=draws)
 
     @functools.cached_property
     def rows(self) -> tuple[Row, ...]:

@@ -37,7 +37,10 @@ CardFile = Annotated[
     typer.Option(metavar="FILE", dir_okay=False, help="card.toml of the localizer, where it brings none."),
 ]
 KeyFile = Annotated[Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs entries.")]
-Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <board>/<entry>/.")]
+Root = Annotated[
+    Path,
+    typer.Option(metavar="DIR", help="Folder of <board>/<entry>/; with a boards.toml: its boards."),
+]
 Work = Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder of what is drawn.")]
 KeptWork = Annotated[
     Path | None,
@@ -97,7 +100,7 @@ def run(
         from pdrbench_leaderboard.run import Settings
         from pdrbench_leaderboard.run import run as run_boards
 
-        of_round = find_round(round_number)
+        of_round = find_round(round_number, root)
         settings = Settings(
             root=root,
             work=work or Settings.work_of(of_round.number),
@@ -112,7 +115,7 @@ def run(
             key=key,
             progress=True,
         )
-        found = _noted(run_boards(chosen_boards(board or ()), localizer or (), settings, card=card))
+        found = _noted(run_boards(chosen_boards(board or (), root), localizer or (), settings, card=card))
     _tell(found, root, as_json=as_json)
 
 
@@ -122,6 +125,7 @@ def draw(
     round_number: RoundNumber = None,
     secret: SecretFile = None,
     walks: NumWalks = None,
+    root: Root = ROOT,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -130,11 +134,11 @@ def draw(
         from pdrbench_leaderboard.boards import chosen_boards, find_round
         from pdrbench_leaderboard.run import Settings, draw_all
 
-        of_round = find_round(round_number)
-        settings = Settings(root=work, work=work, round=of_round, secret=secret, jobs=jobs, walks=walks, progress=True)
+        of_round = find_round(round_number, root)
+        settings = Settings(root=root, work=work, round=of_round, secret=secret, jobs=jobs, walks=walks, progress=True)
         parts = [
             {"env": of.env, "part": of.part, "walks": len(of.walks), "canaries": len(of.canaries)}
-            for of in draw_all(chosen_boards(board or ()), settings)
+            for of in draw_all(chosen_boards(board or (), root), settings)
         ]
     if as_json:
         print_json({"parts": parts})
@@ -216,9 +220,11 @@ def score(
         from pdrbench_leaderboard.run import Settings, score_all, unpacked
 
         supplies = Supplies(wheels, weights, packages)
-        settings = Settings(root=root, work=work, round=find_round(round_number), jobs=jobs, key=key, supplies=supplies)
+        settings = Settings(
+            root=root, work=work, round=find_round(round_number, root), jobs=jobs, key=key, supplies=supplies
+        )
         entrant = unpacked(localizer, settings, card)
-        found = _noted(score_all(chosen_boards(board or ()), entrant, answers, settings))
+        found = _noted(score_all(chosen_boards(board or (), root), entrant, answers, settings))
         if not found:
             raise PdrbenchError(f"{answers} holds no answers to what was drawn in {work}")
     _tell(found, root, as_json=as_json)

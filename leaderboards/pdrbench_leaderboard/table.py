@@ -11,16 +11,17 @@ from pdrbench.errors import plain_line
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.evaluation.wording import counted
 from pdrbench.result import ONLINE
-from pdrbench_leaderboard.boards import Board, find_round
+from pdrbench_leaderboard.boards import P75, Board
 from pdrbench_leaderboard.standings import Row, Table
 
 FILE_NAME: Final = "README.md"
+SCORE: Final = "off by, m"
 FOUND: Final = "found after, s"  # of boards on which no start is given
 PRIVATE_RATIO: Final = "private / public"  # of boards with private recordings
 HEAD: Final = (
     "rank",
     "entry",
-    "off by, m",
+    SCORE,
     "times the first",
     "walks",
     "mean, m",
@@ -51,12 +52,14 @@ def page(board: Board, tables: Sequence[Table]) -> str:
     lines += [*_grid(head, environment_lines(tables[0]), {"environment"}), ""]
     for table in tables:
         head = shown_head(table)
+        titles = [board.score_title if name == SCORE else name for name in head]
         rows = [[value for name, value in cells(row).items() if name in head] for row in table.rows]
-        lines += [f"## {DIVISION_TITLES[table.division]}", "", *_grid(head, rows, LEFT), ""]
+        lines += [f"## {DIVISION_TITLES[table.division]}", "", *_grid(titles, rows, LEFT), ""]
         lines += [f"* {text}" for text in notes(table)] + [""]
         head, strata = strata_of(table)
         if strata:
-            lines += ["Off by, in metres, by environment and kind of walk:", "", *_grid(head, strata, {"walks"}), ""]
+            score = "Off by, in metres" if board.metric == P75 else board.metric
+            lines += [f"{score}, by environment and kind of walk:", "", *_grid(head, strata, {"walks"}), ""]
     return "\n".join(lines)
 
 
@@ -183,17 +186,21 @@ def notes(table: Table) -> Iterator[str]:
 def _general_notes(table: Table) -> Iterator[str]:
     """What holds of every division of a board."""
     numbers = sorted({of.round for of in table.walks.values()})
-    public = all(find_round(of).secret for of in numbers)
+    public = all(table.board.round(of).secret for of in numbers)
     yield (
         f"Held-out walks of round {', '.join(map(str, numbers))} rank"
         f"{', whose secret is published: any user can play them' if public else ''}. "
         "Recorded walks are replayed in another frame. Their truth is public: memorising is detected by canary and "
         "review, not excluded."
     )
+    of = "the third quartile of the error (p75), 15 m added for each wrong level"
+    is_usual = table.board.metric == P75
+    score = (
+        f"Off by: geometric mean over walks of {of}" if is_usual else f"{table.board.metric}: geometric mean over walks"
+    )
     yield (
-        "Off by: geometric mean over walks of the third quartile of the error (p75), 15 m added for each wrong level, "
-        "in brackets its 95 % interval; environments count alike, below 30 units by their number. The rank is an "
-        "interval: the places that paired tests cannot exclude (sign flips by unit, Holm over all pairs, 5 %)."
+        f"{score}, in brackets its 95 % interval; environments count alike, below 30 units by their number. The rank "
+        "is an interval: the places that paired tests cannot exclude (sign flips by unit, Holm over all pairs, 5 %)."
     )
 
 

@@ -34,6 +34,9 @@ def power(
         Path | None,
         typer.Option(metavar="FOLDER", file_okay=False, help="Store every walk here, and continue what is there."),
     ] = None,
+    root: Annotated[
+        Path | None, typer.Option(metavar="DIR", file_okay=False, help="Of a competition: the folder of its boards.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Print the smallest ratio that the walks of a board or an environment can tell, and the walks that ratios need.
@@ -47,7 +50,7 @@ def power(
         from pdrbench.evaluation.sweep import SCORES_FOLDER
         from pdrbench.evaluation.tables import Results
 
-        board, counts = ranked_walks(name)
+        board, counts = ranked_walks(name, root)
         if results is None:
             found = _play(counts, localizer, seeds, walks, jobs, out)
         else:

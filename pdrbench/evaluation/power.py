@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -23,18 +24,19 @@ from pdrbench.task import SPLITS, Task
 RATIOS: Final = (1.1, 1.25)  # how many walks they need is said
 
 
-def ranked_walks(name: str) -> tuple[str, dict[str, int]]:
+def ranked_walks(name: str, root: Path | None = None) -> tuple[str, dict[str, int]]:
     """The board of a name, empty for an environment, and how many walks rank of each of its environments.
 
     A package states its boards by a function of the entry-point group `pdrbench.boards`, which returns for each board
-    the number of walks by environment. Of an environment alone the walks of its test split rank.
+    the number of walks by environment, and takes the folder of boards that are one's own, or None. Of an environment
+    alone the walks of its test split rank.
 
     Raises:
         UnknownNameError: It is neither.
     """
     boards: dict[str, Mapping[str, int]] = {}
     for entry in entries(BOARDS_GROUP).values():
-        boards |= entry.load()()
+        boards |= entry.load()(root)
     if name in boards:
         return name, dict(boards[name])
     if ":" not in name and "/" not in name and name not in environments():
@@ -97,8 +99,11 @@ def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Played]) -> 
 
 def _design(walks: int, of: Played) -> Design:
     """Units and walks that rank, with as many walks to a unit as were measured."""
-    units = len(set(of.units))
-    return Design(walks * units / len(of.units) if units >= MIN_UNITS else walks, walks)
+    measured = len(set(of.units))
+    if measured < MIN_UNITS:
+        return Design(walks, walks, measured)
+    units = walks * measured / len(of.units)
+    return Design(units, walks, units)
 
 
 def _neighbours(played: Mapping[str, Played]) -> list[dict[str, Spread]]:

@@ -40,12 +40,14 @@ class Design:
     """How many walks are played, one seed each.
 
     Attributes:
-        units: Units, each with as many walks as any other.
+        units: Units, each with as many walks as any other; walks where there are too few of them.
         walks: Walks.
+        counts: Units that the environment counts with in a score.
     """
 
     units: float
     walks: float
+    counts: float
 
 
 def measured_spread(differences: FloatArray, units: Units) -> Spread:
@@ -90,7 +92,7 @@ def neighbour_error(spreads: Sequence[Mapping[str, Spread]], designs: Mapping[st
     """
     errors, of_degrees = [], []
     for pair in spreads:
-        weights = environment_weights([designs[env].units for env in pair])
+        weights = environment_weights([designs[env].counts for env in pair])
         variances = weights**2 * np.array(
             [(of.unit / designs[env].units + (of.walk + of.seed) / designs[env].walks) for env, of in pair.items()]
         )

@@ -191,7 +191,8 @@ def rank(
 def environment_weights(num_units: Sequence[float]) -> FloatArray:
     """(E,) weights of environments in a score: equal from `FULL_UNITS` units on, below it by their number.
 
-    Eight walks in four buildings say too little to count as much as two hundred buildings do.
+    Eight walks in four buildings say too little to count as much as two hundred buildings do, and forty walks of one
+    person, which are compared walk by walk, say nothing of another: they count as one.
 
     >>> environment_weights([200, 30, 15]).tolist()
     [0.4, 0.4, 0.2]
@@ -248,7 +249,7 @@ def _part(values_m: Sequence[ArrayLike | None], units: Units, noise_m: float) ->
 
 
 def _weights(parts: Sequence[_Part]) -> FloatArray:
-    return environment_weights([len(np.unique(part.code)) for part in parts])
+    return environment_weights([part.num_units for part in parts])
 
 
 def _score(parts: Sequence[_Part]) -> FloatArray:

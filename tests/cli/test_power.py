@@ -24,7 +24,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def board(monkeypatch: pytest.MonkeyPatch) -> None:
-    def boards() -> dict[str, dict[str, int]]:
+    def boards(root: object) -> dict[str, dict[str, int]]:
         return {"strides": {ENV: 200, "CampusFoot-v1": 200}}
 
     entries = registry.entries

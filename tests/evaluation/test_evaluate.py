@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 import pytest
 
@@ -393,16 +392,6 @@ def test_progress_is_plain_lines_off_a_terminal(localizer: Spec, capsys: pytest.
     assert printed.err.splitlines() == ["0/4 walks", "4/4 walks, 2 failed"]
     evaluate(localizer("Good"), ENV, walks=2, isolation="none", seeds=1)
     assert capsys.readouterr().err == ""
-
-
-def test_another_joblib_backend_is_honoured(localizer: Spec, tmp_path: Path) -> None:
-    """As a cluster's, whose tasks run in threads."""
-    names = ("HangsInPython", "ExitsHard", "Noisy")
-    with joblib.parallel_config(backend="threading", n_jobs=2):
-        found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, out=tmp_path, budget=SHORT, seeds=1))
-    assert [found[name].status for name in names] == ["failed", "failed", "complete"]
-    (here,) = evaluate(localizer("Noisy"), ENV, walks=1, isolation="none", seeds=1).results
-    assert found["Noisy"].estimates.xy_m.tobytes() == here.estimates.xy_m.tobytes()
 
 
 RUDE = """

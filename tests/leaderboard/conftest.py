@@ -121,7 +121,7 @@ def card_named(name: str, **changes: object) -> Card:
 def toy_board(toy: None) -> Iterator[Board]:
     """The only board there is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(boards, "_file", lambda: boards._File({ONE.name: ONE}, (ROUND,)))
+        patch.setattr(boards, "_file", lambda root: boards._File({ONE.name: ONE}, (ROUND,)))
         yield ONE
 
 

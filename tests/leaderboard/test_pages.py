@@ -46,9 +46,9 @@ def root(played: Settings, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def site(tables: list[Table], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tables: list[Table], toy_board: Board, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    write_site({"toy": tables}, folder)
+    write_site({toy_board: tables}, folder)
     return folder
 
 
@@ -167,7 +167,7 @@ def test_hostile_cards_are_text(root: Path, toy_board: Board, tmp_path: Path, br
     path = root / "toy" / "mine" / CARD_FILE
     fields = dict.fromkeys(("licence", "training_data", "paper", "notes"), EVIL)
     path.write_bytes(card_toml(msgspec.structs.replace(read_card(path.read_bytes()), authors=(EVIL,), **fields)))
-    write_site({"toy": read_tables(root, toy_board)}, tmp_path / "site")
+    write_site({toy_board: read_tables(root, toy_board)}, tmp_path / "site")
     for name in ("index.html", "toy.html"):
         browser.open(tmp_path / "site" / name)
         assert browser.run("window.hit === undefined && document.querySelectorAll('img').length === 0")

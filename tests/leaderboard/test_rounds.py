@@ -66,7 +66,7 @@ def test_a_new_round_keeps_ranks_until_each_entry_has_been_played_again(
     settings: Settings, toy_board: Board, submitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     later = Round(number=1, secret=round_secret(MASTER, 1))
-    monkeypatch.setattr(boards, "_file", lambda: boards._File({ONE.name: ONE}, (ROUND, later)))
+    monkeypatch.setattr(boards, "_file", lambda root: boards._File({ONE.name: ONE}, (ROUND, later)))
     specs = {}
     for name in ("Mine", "Lags", "Wanders"):
         card = tmp_path / f"{name}.toml"

@@ -37,7 +37,7 @@ def test_what_cannot_be_told_apart_is_counted_once() -> None:
 
 def test_errors_of_environments_add_up() -> None:
     pair = {"E-v1": Spread(0.4, 0.0, 0.0), "F-v1": Spread(0.1, 0.3, 0.1)}
-    designs = {"E-v1": Design(40, 40), "F-v1": Design(10, 80)}
+    designs = {"E-v1": Design(40, 40, 40), "F-v1": Design(10, 80, 10)}
     error, degrees = neighbour_error([pair], designs)
     large, small = 30 / 40, 10 / 40  # weights: ten units are a third of thirty
     assert error == pytest.approx(math.sqrt(large**2 * 0.4 / 40 + small**2 * (0.1 / 10 + 0.4 / 80)))

@@ -109,6 +109,13 @@ def test_few_people_are_named_and_their_walks_counted() -> None:
     one = ranked({"a": WALK_M, "b": 1.5 * WALK_M * JITTER[0]}, units=[0] * 30)
     assert one.by_walk == {"Env-v1"} and one.num_units == {"Env-v1": 1}
     assert one.standings[1].p_holm < 0.01
+    beside = rank(
+        {"a": {"One-v1": [1.0] * 40, "Many-v1": [8.0] * 40}, "b": {"One-v1": [4.0] * 40, "Many-v1": [8.0] * 40}},
+        units={"One-v1": [0] * 40, "Many-v1": range(40)},
+        noise_m={"One-v1": 0.1, "Many-v1": 0.1},
+        rng=np.random.default_rng(0),
+    )
+    assert beside.standings[1].ratio == pytest.approx(4.0 ** (1 / 31)), "one person beside thirty others"
     four = ranked({"a": WALK_M, "b": 1.5 * WALK_M * JITTER[0]}, units=[walk % 4 for walk in range(30)])
     assert not four.by_walk and four.standings[1].p_holm == 0.125, "four people cannot tell"
     assert four.standings[1].ratio_low > 1.3, "their interval is another question"

@@ -1,0 +1,139 @@
+"""A competition of one's own: its folder, its boards, and what ranks on them."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import BundleError, UnknownNameError
+from pdrbench_leaderboard.boards import BOARDS_FILE, boards, chosen_boards, find_round, ranked_walks
+from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.checking import check_board
+from pdrbench_leaderboard.competition import KEY_FILE, MASTER_FILE, new_competition
+from pdrbench_leaderboard.run import Settings, run
+from pdrbench_leaderboard.site import write_site
+from pdrbench_leaderboard.standings import read_tables
+from pdrbench_leaderboard.table import page
+
+from .conftest import ENV, STAY, card_named
+
+
+@pytest.fixture
+def cup(tmp_path: Path) -> Path:
+    """A competition on the toy environment."""
+    folder = tmp_path / "cup"
+    new_competition(folder, [ENV], 'The "Cup"', tmp_path / "private")
+    return folder
+
+
+def settings_of(cup: Path, **changes: object) -> Settings:
+    private = cup.parent / "private"
+    of_round = find_round(None, cup)
+    return Settings(cup, cup.parent / "work", of_round, private / MASTER_FILE, isolation="none", **changes)  # type: ignore[arg-type]
+
+
+def change(cup: Path, old: str, new: str) -> None:
+    text = (cup / BOARDS_FILE).read_text()
+    assert text.count(old) == 1
+    (cup / BOARDS_FILE).write_text(text.replace(old, new))
+
+
+def test_an_empty_folder_becomes_a_page_with_entries(cup: Path) -> None:
+    (board,) = boards(cup).values()
+    assert board.title == 'The "Cup"' and board.home == cup and ranked_walks(cup) == {"main": {ENV: 60}}
+    assert not find_round(None, cup).secret, "what is committed to is not published"
+    short = settings_of(cup, key=cup.parent / "private" / KEY_FILE, walks=3)
+    list(run(chosen_boards((), cup), [STAY], short))
+    assert [row.name for row in read_tables(cup, board)[0].rows] == [STAY]
+    (cup / "main" / "README.md").write_text(page(board, read_tables(cup, board)))
+    assert all(found.passed for found in check_board(cup, board))
+    (cup / "main" / STAY / "signed.json").unlink()
+    assert not read_tables(cup, board), "nobody has signed it, and its walks are secret"
+
+
+def test_the_secret_and_the_key_lie_apart_and_only_their_owner_reads_them(cup: Path) -> None:
+    private = cup.parent / "private"
+    assert sorted(path.name for path in private.iterdir()) == [KEY_FILE, MASTER_FILE]
+    assert all(stat.S_IMODE(path.stat().st_mode) & 0o077 == 0 for path in (private, *private.iterdir()))
+    master = (private / MASTER_FILE).read_text().strip()
+    assert not any(master in path.read_text() for path in cup.rglob("*") if path.is_file())
+    for folder, apart, why in (
+        (cup, cup.parent / "other", "holds something"),
+        (cup.parent / "new", private, "holds something"),
+        (cup.parent / "new", cup.parent / "new" / "inside", "gives away"),
+    ):
+        with pytest.raises(BundleError, match=why):
+            new_competition(folder, [ENV], "x", apart)
+    with pytest.raises(UnknownNameError):
+        new_competition(cup.parent / "new", ["Nowhere-v1"], "x", cup.parent / "other")
+    assert not (cup.parent / "new").exists() and not (cup.parent / "other").exists()
+
+
+def test_recordings_of_the_hosts_are_an_environment_that_stays_with_them(tmp_path: Path, submitted: Path) -> None:
+    own, cup = tmp_path / "our_hall", tmp_path / "cup"
+    own.mkdir()
+    walks = "".join(f'[[walk]]\nfile = "{name}.csv"\ntruth = "places.csv"\nmounting = "hand"\n' for name in "ab")
+    (own / "task.toml").write_text(f'[task]\nid = "OurHall-v1"\n{walks}')
+    (own / "places.csv").write_text("t_s,x_m,y_m\n" + "".join(f"{t},{0.1 * t},0\n" for t in range(0, 40, 2)))
+    for name in "ab":
+        force = np.random.default_rng(ord(name)).normal([0.0, 0.0, 9.81], 0.1, (800, 3))
+        rows = "".join(f"{k / 20},{x:.4f},{y:.4f},{z:.4f}\n" for k, (x, y, z) in enumerate(force))
+        (own / f"{name}.csv").write_text(f"t_s,accel_x,accel_y,accel_z\n{rows}")
+    new_competition(cup, [str(own)], "Hall", tmp_path / "private")
+    (board,) = boards(cup).values()
+    (listed,) = board.environments
+    assert listed.spec == str(cup / "OurHall-v1") and listed.parts == ("held-out",) and listed.ranked_walks == 4
+    assert "/OurHall-v1/" in (cup / ".gitignore").read_text(), "its truth is not published"
+    outcomes = list(run([board], [STAY], settings_of(cup, key=tmp_path / "private" / KEY_FILE)))
+    assert [of.played for of in outcomes] == [(STAY,)]
+    tables = read_tables(cup, board)
+    before = page(board, tables)
+    for path in (cup / "OurHall-v1").iterdir():
+        path.unlink()
+    (cup / "OurHall-v1").rmdir()
+    assert page(board, read_tables(cup, board)) == before, "pages are made where the recordings are not"
+    assert len(write_site({board: tables}, tmp_path / "site")) > 4
+    assert all(found.passed for found in check_board(cup, board) if "README" not in found.name)
+
+
+def test_a_board_ranks_by_the_metric_that_it_names(cup: Path, submitted: Path, tmp_path: Path) -> None:
+    change(cup, "lost_m = 10.0", 'lost_m = 10.0\nmetric = "max_m"')
+    change(cup, f'commitment = "{find_round(None, cup).commitment}"', f'secret = "{"ab" * 32}"')
+    (cup / "keys.toml").unlink()
+    (board,) = boards(cup).values()
+    for name in ("Mine", "Lags"):
+        card = tmp_path / f"{name}.toml"
+        card.write_bytes(card_toml(card_named(name.lower())))
+        settings = Settings(cup, tmp_path / "work", find_round(None, cup), isolation="none", walks=4)
+        list(run([board], [f"{submitted}:{name}"], settings, card=card))
+    table = read_tables(cup, board)[0]
+    (lags,) = [entry for entry in table.entries if entry.name == "lags"]
+    score_m = {row.name: row.standing.score_m for row in table.rows}["lags"]
+    max_m = table.values(lags, "max_m")[ENV]
+    assert score_m == pytest.approx(np.exp(np.log(max_m).mean())) and score_m != pytest.approx(
+        np.exp(np.log(table.values(lags)[ENV]).mean())
+    )
+    text = page(board, [table])
+    assert "| max_m |" in text and "off by" not in text.lower()
+    assert all(found.passed for found in check_board(cup, board) if "README" not in found.name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("lost_m = 10.0", 'lost_m = 10.0\nmetric = "level_hit_rate"', "the less the better"),
+        ("lost_m = 10.0", 'lost_m = 10.0\nmetric = "step_p50_ms"', "only one of answers"),
+        ("lost_m = 10.0", 'lost_m = 10.0\nmetric = "nothing"', "nothing"),
+        ("lost_m = 10.0", "lost_m = -1", "lost_m"),
+        ("[boards.main]", "[boards]", "boards"),
+        ("number = 0", "nummer = 0", "nummer"),
+        ("# Boards", "= Boards", "boards.toml"),
+    ],
+)
+def test_a_wrong_file_of_boards_is_named(cup: Path, old: str, new: str, why: str) -> None:
+    change(cup, old, new) if old != "# Boards" else (cup / BOARDS_FILE).write_text("= 3")
+    with pytest.raises((BundleError, UnknownNameError), match=why):
+        boards(cup)
