@@ -15,7 +15,7 @@ import msgspec
 from pdrbench import __version__
 from pdrbench.errors import BundleError, plain_line
 from pdrbench.evaluation.store import make_folder, write_whole
-from pdrbench.registry import TASK_FILE, make_task
+from pdrbench.registry import TASK_FILE, make_task, task_place
 from pdrbench.task import commitment
 from pdrbench_leaderboard.boards import BOARDS_FILE
 from pdrbench_leaderboard.rounds import round_secret
@@ -47,14 +47,17 @@ def new_competition(folder: Path, environments: Sequence[str], title: str, priva
             raise BundleError(f"{place} holds something already: name a new folder")
     if folder in (private, *private.parents):
         raise BundleError(f"{private} lies in {folder}: whoever publishes the one gives away the other")
-    lines, own = [], []
+    lines, names = [], dict[str, Path | None]()
     for spec in environments:
-        task = make_task(spec)
+        task, place = make_task(spec), Path(task_place(spec) or "")
+        if place.name not in ("", TASK_FILE) or task.id in names:
+            raise BundleError(f"{spec}: a board takes a registered id or a task folder, each once")
+        names[task.id] = place.parent if place.name == TASK_FILE else None
         lines.append(f'    {{ env = "{task.id}"{f", {WALKS}" if task.held_out else ""} }},')
-        own += [(Path(spec), task.id)] if (Path(spec) / TASK_FILE).is_file() else []
+    own = {name: source for name, source in names.items() if source is not None}
     make_folder(folder)
     make_folder(private).chmod(0o700)
-    for source, name in own:
+    for name, source in own.items():
         shutil.copytree(source, folder / name)
     master = secrets.token_hex(32)
     write_whole(private / MASTER_FILE, f"{master}\n".encode())
@@ -67,7 +70,7 @@ def new_competition(folder: Path, environments: Sequence[str], title: str, priva
         KEYS_FILE: keys,
         "README.md": _template("README.md", title=title),
         ".github/workflows/pages.yml": _template("pages.yml", version=__version__),
-        ".gitignore": "\n".join(["/site/", "# recordings, with their truth", *(f"/{name}/" for _, name in own), ""]),
+        ".gitignore": "\n".join(["/site/", "# recordings, with their truth", *(f"/{name}/" for name in own), ""]),
     }
     for name, text in texts.items():
         make_folder((folder / name).parent)

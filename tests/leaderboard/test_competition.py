@@ -82,6 +82,9 @@ def test_recordings_of_the_hosts_are_an_environment_that_stays_with_them(tmp_pat
         force = np.random.default_rng(ord(name)).normal([0.0, 0.0, 9.81], 0.1, (800, 3))
         rows = "".join(f"{k / 20},{x:.4f},{y:.4f},{z:.4f}\n" for k, (x, y, z) in enumerate(force))
         (own / f"{name}.csv").write_text(f"t_s,accel_x,accel_y,accel_z\n{rows}")
+    for twice in ([str(own), str(own / "task.toml")], [ENV, ENV]):
+        with pytest.raises(BundleError, match="each once"):
+            new_competition(cup, twice, "Hall", tmp_path / "private")
     new_competition(cup, [str(own)], "Hall", tmp_path / "private")
     (board,) = boards(cup).values()
     (listed,) = board.environments
