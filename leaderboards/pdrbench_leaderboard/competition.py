@@ -62,6 +62,7 @@ def new_competition(folder: Path, environments: Sequence[str], title: str, priva
     master = secrets.token_hex(32)
     write_whole(private / MASTER_FILE, f"{master}\n".encode())
     (private / MASTER_FILE).chmod(0o600)
+    write_whole(private / ".gitignore", b"*\n")  # it may lie in a repository
     keys = new_key(private / KEY_FILE, "maintainer", datetime.datetime.now(datetime.UTC).date())
     digest = commitment(round_secret(master, 0))
     quoted = msgspec.json.encode(title).decode()

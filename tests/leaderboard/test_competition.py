@@ -56,8 +56,9 @@ def test_an_empty_folder_becomes_a_page_with_entries(cup: Path) -> None:
 
 def test_the_secret_and_the_key_lie_apart_and_only_their_owner_reads_them(cup: Path) -> None:
     private = cup.parent / "private"
-    assert sorted(path.name for path in private.iterdir()) == [KEY_FILE, MASTER_FILE]
-    assert all(stat.S_IMODE(path.stat().st_mode) & 0o077 == 0 for path in (private, *private.iterdir()))
+    assert sorted(path.name for path in private.iterdir()) == [".gitignore", KEY_FILE, MASTER_FILE]
+    secret = (private, private / KEY_FILE, private / MASTER_FILE)
+    assert all(stat.S_IMODE(path.stat().st_mode) & 0o077 == 0 for path in secret)
     master = (private / MASTER_FILE).read_text().strip()
     assert not any(master in path.read_text() for path in cup.rglob("*") if path.is_file())
     for folder, apart, why in (
