@@ -61,16 +61,13 @@ def test_the_secret_and_the_key_lie_apart_and_only_their_owner_reads_them(cup: P
     assert all(stat.S_IMODE(path.stat().st_mode) & 0o077 == 0 for path in secret)
     master = (private / MASTER_FILE).read_text().strip()
     assert not any(master in path.read_text() for path in cup.rglob("*") if path.is_file())
-    for folder, apart, why in (
-        (cup, cup.parent / "other", "holds something"),
-        (cup.parent / "new", private, "holds something"),
-        (cup.parent / "new", cup.parent / "new" / "inside", "gives away"),
-    ):
+    new, other = cup.parent / "new", cup.parent / "other"
+    for folder, apart, why in ((cup, other, "holds"), (new, private, "holds"), (new, new / "inside", "gives away")):
         with pytest.raises(BundleError, match=why):
             new_competition(folder, [ENV], "x", apart)
     with pytest.raises(UnknownNameError):
-        new_competition(cup.parent / "new", ["Nowhere-v1"], "x", cup.parent / "other")
-    assert not (cup.parent / "new").exists() and not (cup.parent / "other").exists()
+        new_competition(new, ["Nowhere-v1"], "x", other)
+    assert not new.exists() and not other.exists()
 
 
 def test_recordings_of_the_hosts_are_an_environment_that_stays_with_them(tmp_path: Path, submitted: Path) -> None:

@@ -125,15 +125,6 @@ def test_units_differ_in_their_noise_where_the_profile_says_so():
     assert gyro.std() == pytest.approx(loud.gyro.noise * 0.01 * math.sqrt(differing.rate_hz), rel=0.1)
 
 
-def test_a_random_walk_rises_with_the_root_of_time():
-    errors = SensorErrors(random_walk=0.01)
-    values = measure(make_profile(gyro=errors, rate_hz=10.0), at_rest(5000.0, 20.0)).gyro
-    taus_s, sigma = allan_deviation(10.0, values, [2.0, 8.0])
-    # 625 clusters and more on three axes: 4 sigma are 7 %
-    assert np.sqrt(np.mean(sigma**2, axis=1)) == pytest.approx(0.01 * np.sqrt(taus_s / 3), rel=0.1)
-    assert not values[0].any()
-
-
 @pytest.mark.parametrize("name", PROFILES)
 def test_turn_on_biases_spread_over_units_and_stay_with_one(name):
     rng = np.random.default_rng(0)
