@@ -87,6 +87,6 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-from pdrbench.gym import register_environments  # noqa: E402
+from pdrbench.gym.when_imported import register_when_imported  # noqa: E402
 
-register_environments()
+register_when_imported()
