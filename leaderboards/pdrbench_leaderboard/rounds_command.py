@@ -8,8 +8,6 @@ from typing import Annotated, Final
 import typer
 
 from pdrbench.cli.output import note, say
-from pdrbench_leaderboard.boards import boards_file, find_round, read_secret, rounds
-from pdrbench_leaderboard.rounds import begin_round, end_round
 from pdrbench_leaderboard.steps_command import ROOT, Root
 
 LOST_MASTER: Final = (
@@ -24,6 +22,9 @@ Master = Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Mast
 @app.command("new")
 def new(master: Master, root: Root = ROOT) -> None:
     """Begin the next round: its number, and what is published of its secret, before there are submissions."""
+    from pdrbench_leaderboard.boards import boards_file, read_secret, rounds
+    from pdrbench_leaderboard.rounds import begin_round
+
     number, digest = begin_round(boards_file(root), list(rounds(root)), read_secret(master))
     say(f"round {number}: {digest}")
     note(LOST_MASTER)
@@ -32,12 +33,18 @@ def new(master: Master, root: Root = ROOT) -> None:
 @app.command("end")
 def end(number: Annotated[int, typer.Argument(metavar="N", min=0)], master: Master, root: Root = ROOT) -> None:
     """Publish the secret of a round, so that any user can play its held-out walks."""
+    from pdrbench_leaderboard.boards import boards_file, read_secret
+    from pdrbench_leaderboard.rounds import end_round
+
     say(f"round {number} is over: {end_round(boards_file(root), number, read_secret(master))}")
 
 
 @app.command("rotate")
 def rotate(master: Master, root: Root = ROOT) -> None:
     """End the newest round and begin the next; verified entries keep their ranks until each has been played again."""
+    from pdrbench_leaderboard.boards import boards_file, find_round, read_secret, rounds
+    from pdrbench_leaderboard.rounds import begin_round, end_round
+
     secret = read_secret(master)
     before, place, known = find_round(None, root), boards_file(root), list(rounds(root))
     if not before.secret:
