@@ -187,6 +187,8 @@ def test_lifts_above_one_another_are_one_shaft() -> None:
     [
         (lambda b: b.add_level(0), "added twice"),
         (lambda b: b.add_level(0.5), "whole number"),
+        (lambda b: b.add_level(1, height_m=1e308), "above the ground"),
+        (lambda b: b.add_walkable(box(0, 0, 1e9, 1)), "larger than 100 km"),
         (lambda b: b.connect("stair", levels=(0, 1), polygon=box(0, 0, 1, 1)), "did you mean 'stairs'"),
         (lambda b: b.connect("stairs", levels=(0,), polygon=box(0, 0, 1, 1)), "two levels or more"),
         (lambda b: b.connect("stairs", levels=(0, 1), polygon={0: box(0, 0, 1, 1)}), "no outline on level 1"),

@@ -88,8 +88,9 @@ def test_recordings_of_the_hosts_are_an_environment_that_stays_with_them(tmp_pat
     (listed,) = board.environments
     assert listed.spec == str(cup / "OurHall-v1") and listed.parts == ("held-out",) and listed.ranked_walks == 4
     assert "/OurHall-v1/" in (cup / ".gitignore").read_text(), "its truth is not published"
-    outcomes = list(run([board], [STAY], settings_of(cup, key=tmp_path / "private" / KEY_FILE)))
-    assert [of.played for of in outcomes] == [(STAY,)]
+    assert [of.played for of in run([board], [STAY], settings_of(cup, key=tmp_path / "private" / KEY_FILE))] == [
+        (STAY,)
+    ]
     tables = read_tables(cup, board)
     before = page(board, tables)
     for path in (cup / "OurHall-v1").iterdir():
@@ -117,8 +118,7 @@ def test_a_board_ranks_by_the_metric_that_it_names(cup: Path, submitted: Path, t
     assert score_m == pytest.approx(np.exp(np.log(max_m).mean())) and score_m != pytest.approx(
         np.exp(np.log(table.values(lags)[ENV]).mean())
     )
-    text = page(board, [table])
-    assert "| max_m |" in text and "off by" not in text.lower()
+    assert "| max_m |" in page(board, [table])
     assert all(found.passed for found in check_board(cup, board) if "README" not in found.name)
 
 
