@@ -128,8 +128,6 @@ def test_a_board_ranks_by_the_metric_that_it_names(cup: Path, submitted: Path, t
         ("lost_m = 10.0", 'lost_m = 10.0\nmetric = "level_hit_rate"', "the less the better"),
         ("lost_m = 10.0", 'lost_m = 10.0\nmetric = "step_p50_ms"', "only one of answers"),
         ("lost_m = 10.0", 'lost_m = 10.0\nmetric = "nothing"', "nothing"),
-        ("lost_m = 10.0", "lost_m = -1", "lost_m"),
-        ("[boards.main]", "[boards]", "boards"),
         ("number = 0", "nummer = 0", "nummer"),
         ("# Boards", "= Boards", "boards.toml"),
     ],
