@@ -12,6 +12,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from pdrbench.gym.when_imported import register_when_imported
+
 __version__ = "1.0.0"
 
 if TYPE_CHECKING:
@@ -86,7 +88,5 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     return sorted(__all__)
 
-
-from pdrbench.gym.when_imported import register_when_imported  # noqa: E402
 
 register_when_imported()

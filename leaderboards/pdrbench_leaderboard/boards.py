@@ -24,7 +24,7 @@ from pdrbench_leaderboard.rounds import round_secret
 from pdrbench_leaderboard.schema import MAX_TEXT_BYTES, Line, Name, Record, Sha256, read_limited, read_toml
 
 BOARDS_FILE: Final = "boards.toml"
-OF_ANSWERS: Final = frozenset({"held", "answered", "resampled", "reference", "building"})  # what a metric may take
+OF_ANSWERS: Final = frozenset({"held", "answered", "resampled", "reference", "building"})  # of `metrics.score`
 P75: Final = "p75_level_penalised_m"  # the metric that ranks, where a board names no other
 Part = Literal["public", "held-out", "private"]
 PARTS: Final[tuple[Part, ...]] = ("public", "held-out", "private")
@@ -53,7 +53,7 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
     @property
     def spec(self) -> str:
         """As `make_task` takes it: its id, or the task folder of that id beside the file of boards."""
-        own = None if self.home is None else self.home.absolute() / self.env
+        own = None if self.home is None else self.home / self.env
         return str(own) if own is not None and (own / TASK_FILE).is_file() else self.env
 
     @property
@@ -110,6 +110,8 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
     @property
     def has_data(self) -> bool:
         """Whether the recorded data that it needs is found."""
+        if not self.is_here:
+            return False
         dataset = make_task(self.spec).dataset
         return dataset is None or is_available(dataset)
 
@@ -189,7 +191,7 @@ class _File(Record, frozen=True):
 
 def boards_file(root: Path | None = None) -> Path:
     """The file of boards of a root: its own, else ours."""
-    own = None if root is None else root / BOARDS_FILE
+    own = None if root is None else root.absolute() / BOARDS_FILE
     return own if own is not None and own.is_file() else Path(str(package_files("pdrbench_leaderboard"))) / BOARDS_FILE
 
 

@@ -80,7 +80,7 @@ def new_competition(folder: Path, environments: Sequence[str], title: str, priva
 
 
 def _template(name: str, **values: str) -> str:
-    text = (package_files("pdrbench_leaderboard") / "competition" / name).read_text(encoding="utf-8")
+    text = (package_files("pdrbench_leaderboard") / "competition_files" / name).read_text(encoding="utf-8")
     for key, value in values.items():
         text = text.replace(f"{{{key}}}", value)
     return text

@@ -173,7 +173,7 @@ def draw(
     drawn = DrawnPart(listed.env, part, folder)
     now = made_by(listed, part)
     is_there = all(of.is_file() for of in (drawn.observations / INDEX_FILE, drawn.truth / CANARIES_FILE))
-    if is_there and drawn.made_by == now:
+    if is_there and (drawn.made_by, drawn.index.nonce) == (now, secret_nonce(secret)):
         return drawn
     task = listed.task(part, secret)
     names = opaque_names(listed, part, secret)

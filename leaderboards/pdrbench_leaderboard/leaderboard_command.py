@@ -142,7 +142,7 @@ def release(
     root = entry.absolute().parents[1]
     of_round = find_round(max((of.round for of in record.parts), default=0), root)
     check_listed(key, root)
-    if not is_ours(entry.absolute(), Settings(root, work or Settings.work_of(of_round.number), of_round, key=key)):
+    if not is_ours(entry.absolute(), Settings(root, work or Settings.work_of(of_round), of_round, key=key)):
         raise BundleError(
             f"{entry} was written, but not by this host: play it, or name the folder of its run with --work"
         )

@@ -233,8 +233,9 @@ def read_entry(folder: Path) -> tuple[EntryRecord, Card]:
     if hashlib.sha256(content).hexdigest() != record.answers_sha256:
         raise BundleError(f"{folder / ANSWERS_FILE} is not the one that {ENTRY_FILE} was written with")
     for of in (of for part in record.parts for of in part.divisions):
+        more = of.values.keys() - {*VALUES}  # the metric of a board that ranks by another
         is_whole = of.values.keys() >= {*VALUES} and len(of.quantiles_m) in (0, len(QUANTILES))
-        if not is_whole or {*map(len, of.values.values())} != {len(of.statuses)}:
+        if not is_whole or len(more) > 1 or {*map(len, of.values.values())} != {len(of.statuses)}:
             raise BundleError(f"{path} has not one value of each metric for each walk")
     if (record.board, folder_name(record.name)) != (folder.parent.name, folder.name) or card.name != record.name:
         raise BundleError(f"{folder} holds {record.name} of the board {record.board}: it lies in <board>/<entry>/")

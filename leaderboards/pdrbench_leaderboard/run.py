@@ -118,9 +118,9 @@ class Settings:
             find_launcher(CONFINED).check(entrant.spec, localizer_target(entrant.spec))
 
     @staticmethod
-    def work_of(number: int) -> Path:
-        """Where drawn walks and answers of a round are kept, where nothing else is said."""
-        return cache_folder() / "boards" / f"round-{number}"
+    def work_of(of_round: Round) -> Path:
+        """Where drawn walks and answers of a round are kept by default: competitions have rounds of the same number."""
+        return cache_folder() / "boards" / f"round-{of_round.number}-{of_round.sha256[:NAME_DIGITS]}"
 
     def why_later(self, entrant: Entrant) -> str:
         """Why an entry is not played in this round, which is noted else; empty where it is."""

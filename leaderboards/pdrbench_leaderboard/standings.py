@@ -36,7 +36,7 @@ from pdrbench_leaderboard.record import (
 from pdrbench_leaderboard.score import QUANTILES
 
 RANKING: Final = "p75_m"
-LEAST: Final = 1e-6  # no walk counts as better, by a metric that is no length
+MIN_SCORE: Final = 1e-6  # no walk counts as better, by a metric that is no length
 SPLITS: Final = 20  # of the units into halves
 DRAW_SEED: Final = 0  # the same results give the same p-values
 DIVISIONS: Final = ("online", "offline")
@@ -189,7 +189,7 @@ class Table:
         }
         floor = {name: self.board.environment(name).noise_m for name in keep}
         if METRICS[self.board.metric].unit != "m":
-            floor = dict.fromkeys(keep, LEAST)
+            floor = dict.fromkeys(keep, MIN_SCORE)
         return rank(values, units=units, noise_m=floor, rng=np.random.default_rng(DRAW_SEED), draws=draws)
 
     @functools.cached_property

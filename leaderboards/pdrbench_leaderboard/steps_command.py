@@ -103,7 +103,7 @@ def run(
         of_round = find_round(round_number, root)
         settings = Settings(
             root=root,
-            work=work or Settings.work_of(of_round.number),
+            work=work or Settings.work_of(of_round),
             round=of_round,
             secret=secret,
             jobs=jobs,

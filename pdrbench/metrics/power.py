@@ -42,12 +42,12 @@ class Design:
     Attributes:
         units: Units, each with as many walks as any other; walks where there are too few of them.
         walks: Walks.
-        counts: Units that the environment counts with in a score.
+        declared_units: Units, however few: by these the environment weighs in a score.
     """
 
     units: float
     walks: float
-    counts: float
+    declared_units: float
 
 
 def measured_spread(differences: FloatArray, units: Units) -> Spread:
@@ -92,7 +92,7 @@ def neighbour_error(spreads: Sequence[Mapping[str, Spread]], designs: Mapping[st
     """
     errors, of_degrees = [], []
     for pair in spreads:
-        weights = environment_weights([designs[env].counts for env in pair])
+        weights = environment_weights([designs[env].declared_units for env in pair])
         variances = weights**2 * np.array(
             [(of.unit / designs[env].units + (of.walk + of.seed) / designs[env].walks) for env, of in pair.items()]
         )

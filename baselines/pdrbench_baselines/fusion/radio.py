@@ -189,7 +189,7 @@ class RadioEvidence:
 
 
 def fraction_off_survey(radio_map: RadioMap) -> float:
-    """Fraction of the time that the next walker will be where nobody surveyed, estimated by leaving out routes; ours.
+    """Fraction of the time that the next walker is off the survey, estimated by leaving out one route at a time; ours.
 
     The floor is divided into squares of 5 m. A square that a survey walk crosses counts as surveyed where a walk along
     another route crosses it or a neighbour of it; walks along the same route (`SAME_ROUTE`) are left out together. The

@@ -32,7 +32,7 @@ LEVEL_HEIGHT_M: Final = 3.5  # assumed between levels where a drawing has no hei
 WALL_M: Final = 0.1  # thickness of a wall that is drawn as a line
 DOOR_M: Final = 0.9  # width of a door that is drawn as a point
 MAX_VERTICES: Final = 500_000
-LARGEST_M: Final = 1e5  # of a shape, and above the ground: no building is so large or high, whatever its unit is
+MAX_SIZE_M: Final = 1e5  # of a shape, and above the ground: no building is so large or high, whatever its unit is
 
 
 class BuildingBuilder:
@@ -83,7 +83,7 @@ class BuildingBuilder:
             height_m = level * LEVEL_HEIGHT_M
             if level:
                 self._repairs.add("height assumed", f"level {level}", f"no height is given: {height_m:g} m assumed")
-        if not abs(height_m) <= LARGEST_M:
+        if not abs(height_m) <= MAX_SIZE_M:
             raise MapError(f"level {level}: a floor {height_m:g} m above the ground; heights are in metres")
         self._levels[int(level)] = DrawnLevel(int(level), float(height_m))
         self._current = int(level)
@@ -244,8 +244,8 @@ class BuildingBuilder:
         parts = simple_parts(geometry, ring=ring)
         self._num_vertices += int(shapely.get_num_coordinates(parts).sum())
         low_x, low_y, high_x, high_y = shapely.bounds(parts).reshape(-1, 4).T
-        if (np.fmax(high_x - low_x, high_y - low_y) > LARGEST_M).any():
-            raise MapError(f"a shape is larger than {LARGEST_M / 1000:g} km: plans are in metres; scale the drawing")
+        if (np.fmax(high_x - low_x, high_y - low_y) > MAX_SIZE_M).any():
+            raise MapError(f"a shape is larger than {MAX_SIZE_M / 1000:g} km: plans are in metres; scale the drawing")
         return parts
 
     def _polygons(self, geometry: Any, where: str, level: int) -> list[Any]:
