@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import importlib
 import itertools
 import json
 import os
@@ -23,6 +24,10 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, Final
 
+# A hundred processes would compile every module of this house and of others again, each for itself.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    sys.dont_write_bytecode = False
+
 import numpy as np
 import psutil
 import pytest
@@ -36,13 +41,23 @@ from pdrbench_sim.buildings.office import make_office
 # Matrices are small: where processes share the cores, threads for them wait ten times as long as they work.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of libraries that are loaded later, and of children
 threadpool_limits(1, user_api="blas")
-# A hundred processes would compile every module of this house again, each for itself.
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-sys.dont_write_bytecode = False
 # Threads of kernels that wait spin instead, on cores that others need; compiling makes objects by the million, and a
 # collector that looks for cycles every 700 of them takes a tenth of the time.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 gc.set_threshold(50_000, 20, 20)
+
+# What takes longest to compile, in as many parts as there are workers: each begins with another, and reads what the
+# others have written.
+PARTS: Final = (
+    ("scipy.stats", "scipy.io", "scipy.signal", "scipy.interpolate"),
+    ("pandas", "starlette.applications"),
+    ("matplotlib.backends.backend_agg", "pdrbench.evaluation", "pdrbench_formats", "pdrbench_leaderboard.run"),
+)
+if worker := os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw"):
+    for number in range(len(PARTS)):
+        for module in PARTS[(int(worker) + number) % len(PARTS)]:
+            with contextlib.suppress(ImportError):
+                importlib.import_module(module)
 
 # How long drawing takes says how busy a machine is, and nothing of what is tested.
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
