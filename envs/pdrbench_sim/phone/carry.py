@@ -13,7 +13,6 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
@@ -114,6 +113,9 @@ class BodyMotion:
 
     def fine(self, coarse: FloatArray) -> FloatArray:
         """(n, ...) coarse samples at the fine times."""
+
+        from scipy.interpolate import CubicSpline
+
         return np.asarray(CubicSpline(self.coarse_s, coarse)(self.t_s))
 
     def jitter(self, rng: np.random.Generator, sigma_rad: float, standing: float) -> FloatArray:

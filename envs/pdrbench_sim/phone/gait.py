@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
 
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.noise import autoregressive
@@ -80,6 +78,9 @@ class Gait:
 
 def smooth(values: FloatArray, sigma_s: float) -> FloatArray:
     """(n, ...) coarse samples smoothed by a Gaussian in time; the ends last on."""
+
+    from scipy.ndimage import gaussian_filter1d
+
     return np.asarray(gaussian_filter1d(values, sigma_s * COARSE_HZ, axis=0, mode="nearest"))
 
 
@@ -91,6 +92,9 @@ def ease(fraction: FloatArray) -> FloatArray:
 
 def gait_of(walk: SimulatedWalk, feet: tuple[Stances, Stances], path: BodyPath) -> Gait:
     """The rhythm of a walk from the times at which its feet rest; `path` is the way of its body at `COARSE_HZ`."""
+
+    from scipy.interpolate import PchipInterpolator
+
     t_s = path.t_s
     knots_s, knots_step = [t_s[0] - 10.0], [0.0]
     going, running = np.zeros(len(t_s)), np.zeros(len(t_s))
@@ -158,6 +162,9 @@ def trunk_of(
         variation: Part of the variation from step to step that arrives.
         overtones: Part of the harmonics of the step rate that arrives.
     """
+
+    from scipy.interpolate import CubicSpline
+
     personal, *varying = rng.spawn(3 + len(params.harmonics))
     drawn = np.clip(personal.standard_normal(5 + 2 * len(params.harmonics)), -CUT, CUT)
     unsteady = variation * math.exp(params.unsteady_log_sigma * drawn[4])

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
@@ -84,6 +83,9 @@ def smooth_noise(t_s: FloatArray, rng: np.random.Generator, correlation_s: float
         rng: Draws it.
         correlation_s: Of the autoregression.
     """
+
+    from scipy.interpolate import BSpline
+
     step_s = correlation_s / _KNOTS
     count = math.ceil(float(t_s[-1]) / step_s) + 4
     coefficients = autoregressive(rng.standard_normal(count), _KEEPS) / _SHRINKS

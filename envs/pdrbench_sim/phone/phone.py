@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from pdrbench.errors import unknown_name
 from pdrbench.geometry import BoolArray, FloatArray
@@ -59,6 +58,9 @@ def phone_motion(
         UnknownNameError: There is no such place to carry a phone.
         MotionError: No place, or switches nearer to each other than `SWITCH_S`.
     """
+
+    from scipy.interpolate import CubicSpline
+
     _check_carry(carry)
     carried = carried or CarryParams()
     oscillation, _, *own = rng.spawn(2 + len(PLACES))

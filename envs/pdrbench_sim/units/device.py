@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
 from pdrbench.geometry import FloatArray, read_only
 from pdrbench_sim.resolution import in_steps
@@ -130,6 +129,9 @@ def _in_run_bias(
     errors: SensorErrors, count: int, rate_hz: float, markov: np.random.Generator, walk: np.random.Generator
 ) -> FloatArray:
     """(count, 3) Gauss-Markov process, stationary from the start, plus a random walk from 0."""
+
+    from scipy.signal import lfilter
+
     keeps = math.exp(-1 / (rate_hz * errors.instability_s))
     sigma = errors.instability / MARKOV_PEAK
     renews = math.sqrt(-math.expm1(-2 / (rate_hz * errors.instability_s)))
@@ -145,6 +147,9 @@ def _sampled(
     t_s: FloatArray, ideal: FloatArray, bandwidth_hz: float, internal_hz: float, sampled_s: FloatArray
 ) -> FloatArray:
     """(m, 3) ideal signals behind a second-order Butterworth low-pass, at other times."""
+
+    from scipy.signal import butter, sosfilt, sosfilt_zi
+
     if bandwidth_hz < math.inf:
         sections = butter(2, bandwidth_hz, fs=internal_hz, output="sos")
         before = sosfilt_zi(sections)[:, :, None] * ideal[0]  # as if the first value had lasted

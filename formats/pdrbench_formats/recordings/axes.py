@@ -15,7 +15,6 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
@@ -135,6 +134,9 @@ def _losses(frames: FloatArray, counts: FloatArray, vectors: FloatArray) -> dict
 
 def _frames(omega: FloatArray) -> FloatArray:
     """(F, B, N, 3, 3) matrices at the middle of each bin for each of `_FACTORS`, from rates (B, N, 3) of blocks."""
+
+    from scipy.spatial.transform import Rotation
+
     q = _attitudes(np.concatenate([factor * omega for factor in _FACTORS]))
     matrices = Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix() if q.size else np.zeros((0, 3, 3))
     frames: FloatArray = matrices.reshape(len(_FACTORS), *omega.shape, 3)
