@@ -124,9 +124,12 @@ class BoardEnvironment(Record, frozen=True, kw_only=True):
         return make_task(str(self.private))
 
     def walks_of(self, part: Part, secret: str) -> tuple[str, ...]:
-        """Ids of the walks of a part, in the order of their split."""
+        """Ids of the walks of a part, in the order of their split; raises `BundleError` where there are fewer."""
         split, count = (HELD_OUT, self.held_out_walks) if part == "held-out" else ("test", self.walks)
-        return self.task(part, secret).split(split)[:count]
+        walks = self.task(part, secret).split(split)
+        if count is not None and count > len(walks):
+            raise BundleError(f"{self.spec} has {len(walks)} {part} walks, and the board asks for {count}")
+        return walks[:count]
 
 
 class Board(Record, frozen=True, kw_only=True):

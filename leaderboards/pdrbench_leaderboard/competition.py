@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Sequence
 from importlib.resources import files as package_files
 from pathlib import Path
-from typing import Final
 
 import msgspec
 
@@ -16,13 +15,13 @@ from pdrbench import __version__
 from pdrbench.errors import BundleError, plain_line
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.registry import TASK_FILE, make_task, task_place
-from pdrbench.task import commitment
+from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard.boards import BOARDS_FILE
 from pdrbench_leaderboard.rounds import round_secret
 from pdrbench_leaderboard.signing import KEYS_FILE, new_key
 
 MASTER_FILE, KEY_FILE = "master.secret", "maintainer.key"
-WALKS: Final = "walks = 20, held_out_walks = 60"  # of a generated environment, for a first board
+WALKS, HELD_OUT_WALKS = 20, 60  # of a generated environment that has so many, for a first board
 
 
 def new_competition(folder: Path, environments: Sequence[str], title: str, private: Path) -> list[Path]:
@@ -53,7 +52,7 @@ def new_competition(folder: Path, environments: Sequence[str], title: str, priva
         if place.name not in ("", TASK_FILE) or task.id in names:
             raise BundleError(f"{spec}: a board takes a registered id or a task folder, each once")
         names[task.id] = place.parent if place.name == TASK_FILE else None
-        lines.append(f'    {{ env = "{task.id}"{f", {WALKS}" if task.held_out else ""} }},')
+        lines.append(f'    {{ env = "{task.id}"{_walks(spec) if task.held_out else ""} }},')
     own = {name: source for name, source in names.items() if source is not None}
     make_folder(folder)
     make_folder(private).chmod(0o700)
@@ -77,6 +76,13 @@ def new_competition(folder: Path, environments: Sequence[str], title: str, priva
         make_folder((folder / name).parent)
         write_whole(folder / name, text.encode())
     return [folder / name for name in texts]
+
+
+def _walks(spec: str) -> str:
+    """How many walks of a generated environment a first board has."""
+    task = make_task(spec, secrets.token_hex(32))
+    public, held_out = min(WALKS, len(task.split("test"))), min(HELD_OUT_WALKS, len(task.split(HELD_OUT)))
+    return f", walks = {public}, held_out_walks = {held_out}"
 
 
 def _template(name: str, **values: str) -> str:

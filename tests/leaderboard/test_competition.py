@@ -45,7 +45,7 @@ def change(cup: Path, old: str, new: str) -> None:
 
 def test_an_empty_folder_becomes_a_page_with_entries(cup: Path) -> None:
     (board,) = boards(cup).values()
-    assert board.title == 'The "Cup"' and board.home == cup and ranked_walks(cup) == {"main": {ENV: 60}}
+    assert board.title == 'The "Cup"' and board.home == cup and ranked_walks(cup) == {"main": {ENV: 12}}
     assert not find_round(None, cup).secret, "what is committed to is not published"
     short = settings_of(cup, key=cup.parent / "private" / KEY_FILE, walks=3)
     listed = board.environments[0].first(2)

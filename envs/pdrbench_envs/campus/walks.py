@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdrbench_sim.record import BuildingScene
 
 SPLITS: Final = {"train": Split(walks=100), "val": Split(walks=40), "test": Split(walks=100)}
-HELD_OUT_SPLIT: Final = Split(walks=300)
+HELD_OUT_SPLIT: Final = Split(walks=400)
 DURATION_S: Final = (120.0, 240.0)  # of a walk, least and most; ours
 ONE_LEVEL: Final = 3  # one walk in so many stays on its level
 ROUND: Final = 9  # walks after which it is another one of three, so that this follows no kind of nine people

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from pdrbench.building import Building
 from pdrbench.datasets import datasets, find
@@ -167,6 +166,8 @@ def _groups(played: Played) -> tuple[str, ...]:
 
 def density(played: Played) -> str:
     """How far the waypoints of a walk are from its survey on their level, in the median."""
+    from scipy.spatial import KDTree
+
     lines = [_along(walk.places) for walk in played.surveyed]
     if not lines:
         return "level not surveyed"

@@ -19,7 +19,6 @@ from pdrbench.sensors import SENSORS
 from pdrbench.sensors.checks import MIN_ROWS, SAMPLED, Finding, found, is_constant
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.delimited import most_odd
-from pdrbench_formats.recordings.findings import examine
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 MIN_BACK_S: Final = 0.5  # batches of a sensor hub come late by less
@@ -179,6 +178,8 @@ def assemble(
     Raises:
         RecordingError: No sensor has a row; or, where `strict`, something was found that is an error.
     """
+    from pdrbench_formats.recordings.findings import examine  # half a second, which who makes a task needs not
+
     tally = tally or Tally()
     rows: dict[str, FloatArray] = {}
     for name, table in streams.items():
