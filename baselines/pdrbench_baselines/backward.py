@@ -37,8 +37,11 @@ def gaussian(expected: Callable[[FloatArray], FloatArray], covariance: FloatArra
 
     def log_density(before: FloatArray, after: FloatArray) -> FloatArray:
         to, reached = expected(before) @ whiten, after @ whiten
-        squares: FloatArray = ((reached[:, None, :] - to[None, :, :]) ** 2).sum(axis=2)
-        return -0.5 * squares
+        squares = np.zeros((len(after), len(before)))
+        for own, other in zip(reached.T, to.T, strict=True):
+            off = own[:, None] - other
+            squares += np.multiply(off, off, out=off)
+        return np.multiply(squares, -0.5, out=squares)
 
     return log_density
 
@@ -107,6 +110,11 @@ class BackwardSampler:
 
     def __len__(self) -> int:
         return len(self._past)
+
+    @property
+    def num_kept(self) -> int:
+        """Particles of a cloud that are kept now, at most."""
+        return self._num_kept
 
     @property
     def num_stored(self) -> int:

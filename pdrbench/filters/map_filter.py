@@ -91,7 +91,8 @@ class MapFilter:
         """Takes a map, or none: then no wall stops a particle, and `origin_xy_m` is where local coordinates are 0."""
         self._map = convex
         self._origin_m = origin_xy_m if convex is None else convex.origin_xy_m
-        self._is_one_level = convex is None or len(np.unique(convex.level)) == 1
+        self._levels, self._storey = np.unique([level] if convex is None else convex.level, return_inverse=True)
+        self._is_one_level = len(self._levels) == 1
         self.level = level
 
     @property
@@ -187,10 +188,11 @@ class MapFilter:
         """The estimate: the level with most particles; mean and spread of all particles, or of those on that level."""
         here = self._local_m
         if not self._is_one_level:
-            level = self.particles_level
-            levels, number = np.unique(level, return_counts=True)
-            self.level = int(levels[np.argmax(number)])
-            here = here[level == self.level] if on_level else here
+            storey = self._storey[self._cell]
+            number = np.bincount(storey)
+            most = int(number.argmax())
+            self.level = int(self._levels[most])
+            here = here[storey == most] if on_level and number[most] < len(here) else here
         x_m, y_m, self.sigma_m = centre(here)
         self.xy_m: FloatArray = self._origin_m + np.array([x_m, y_m])
 

@@ -10,7 +10,7 @@ import numpy as np
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.reckoning import Move, Reckoner
 
-MIN_SINCE_S: Final = 0.35  # between two questions to a network: at most two beside that of every second
+MIN_SINCE_S: Final = 0.5  # between two questions to a network: one beside that of every second, at five steps a second
 
 
 class ContinuedReckoner(Reckoner):

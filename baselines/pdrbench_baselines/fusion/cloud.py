@@ -50,7 +50,12 @@ class Cloud(LearnedMapFilter):
     @property
     def levels(self) -> frozenset[int]:
         """That particles may be on."""
-        return frozenset(() if self._map is None else self._map.level.tolist())
+        return frozenset(() if self._map is None else self._levels.tolist())
+
+    @property
+    def levels_now(self) -> frozenset[int]:
+        """That particles are on."""
+        return frozenset(self._levels[np.flatnonzero(np.bincount(self._storey[self._cell]))].tolist())
 
     @property
     def median_m(self) -> FloatArray:
@@ -104,14 +109,18 @@ class Cloud(LearnedMapFilter):
         """
         assert self._radio is not None
         start, pick, fresh, jitter = self._rng_scans.spawn(4)
-        likelihood = np.exp(log_likelihood - log_likelihood.max())
+        log_likelihood = log_likelihood - log_likelihood.max()
         square = self._radio.squares_at(self.particles_xy_m, self.particles_level)
-        weight = np.where(square >= 0, likelihood[square, self._offset], self._radio.elsewhere(likelihood))
-        anywhere = likelihood * self._on_map()[:, None] * self._radio.prior
-        total = float(max(len(self._radio.level), 1))
-        if resets and anywhere.any():
-            anywhere, total = likelihood * anywhere, float(anywhere.sum())
-        lost = lost_fraction * float(anywhere.sum()) / total
+        elsewhere = self._radio.elsewhere(log_likelihood)
+        weight = np.exp(np.where(square >= 0, log_likelihood[square, self._offset], elsewhere))
+        lost, anywhere = 0.0, np.zeros((0, 0))
+        if lost_fraction > 0.0:
+            likelihood = np.exp(log_likelihood)
+            anywhere = likelihood * self._on_map()[:, None] * self._radio.prior
+            total = float(max(len(self._radio.level), 1))
+            if resets and anywhere.any():
+                anywhere, total = likelihood * anywhere, float(anywhere.sum())
+            lost = lost_fraction * float(anywhere.sum()) / total
         found = (1.0 - lost_fraction) * float(weight.mean())
         if lost + found <= 0.0:
             return 0.0
@@ -173,8 +182,10 @@ class Cloud(LearnedMapFilter):
 
     def _put_over(self, which: IntArray, weight: FloatArray, rng: np.random.Generator) -> None:
         """Puts particles over the lattice by weights (N, K) of places and offsets."""
+        if not len(which):
+            return
         total = np.cumsum(weight.ravel())
-        if not len(which) or total[-1] <= 0.0:
+        if total[-1] <= 0.0:
             return
         assert self._radio is not None
         drawn = np.searchsorted(total, total[-1] * rng.random(len(which)), side="right")

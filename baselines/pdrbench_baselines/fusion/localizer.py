@@ -86,7 +86,6 @@ class Fusion(NetworkLocalizer):
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
             self._add(cloud, start.level, 0.0)
             self._free = self._new_free(start)
-            self._focus()
         elif radio is not None:
             radio.get_ready()  # now, and not at the first scan: a step is to be quick
             for level in set(radio.level.tolist()) & set(self._building.levels):
@@ -97,7 +96,9 @@ class Fusion(NetworkLocalizer):
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
             self._walk(move)
-        if self._radio is not None:
+        if self._radio is not None and len(observation["wifi"]):
+            if self._start_is_known:
+                self._focus()
             for log_likelihood in self._radio.update(observation["wifi"]):
                 self._receive(log_likelihood, observation.now_s)
         if self._has_level_changes and len(observation["level_change"]):
@@ -226,7 +227,7 @@ class Fusion(NetworkLocalizer):
         if follows_levels:
             cloud.follow_levels(self._building, level)
         past = BackwardSampler(self._own.num_kept)
-        past.follow(stored(cloud, now_s), now_s)
+        past.follow(stored(cloud, now_s, past.num_kept), now_s)
         self._hypotheses.append(Hypothesis(cloud, past, follows_levels))
 
     def _walk(self, move: Move) -> None:
@@ -242,7 +243,8 @@ class Fusion(NetworkLocalizer):
                         self._free.turn(turn_rad, compass, gain)
                         self._free.move(move.move_m, move.covariance_m2)
                 each.cloud.move(move.move_m, move.covariance_m2)
-                each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)
+                now = stored(each.cloud, move.end_s, each.past.num_kept)
+                each.past.follow(now, move.end_s - EVERY_S, motion)
         if self._hypotheses:
             cloud = self._best.cloud
             self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
@@ -263,7 +265,7 @@ class Fusion(NetworkLocalizer):
             if self._free is not None:
                 self._free.weigh_by(log_likelihood, each.cloud.level, gain)
                 self._find(each.cloud, self._free)
-            each.past.amend(stored(each.cloud, now_s))
+            each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
         self._focus()
@@ -276,13 +278,15 @@ class Fusion(NetworkLocalizer):
             free.lead = 0.0
 
     def _focus(self) -> None:
-        """Reports to the radio evidence on which levels, and with which offsets, particles still are."""
+        """Reports to the radio evidence on which levels, and with which offsets, particles still are, or may get to."""
         if self._radio is not None and self._hypotheses:
             clouds = [each.cloud for each in self._hypotheses]
+            stays = self._start_is_known and not self._scans_of(self._radio.radio_map).known_lost_fraction
+            levels = [cloud.levels_now if stays else cloud.levels for cloud in clouds]
             is_left = np.mean([cloud.offset_fraction for cloud in clouds], axis=0) >= MIN_OFFSET
             if self._free is not None:
                 is_left |= self._free.offset_fraction >= MIN_OFFSET
-            self._radio.focus(frozenset().union(*(cloud.levels for cloud in clouds)), is_left)
+            self._radio.focus(frozenset().union(*levels), is_left)
 
     def _begin_everywhere(self, log_likelihood: FloatArray, now_s: float) -> None:
         assert self._radio is not None
@@ -298,7 +302,7 @@ class Fusion(NetworkLocalizer):
         for each in filter(lambda one: one.follows_levels, self._hypotheses):
             for _, levels, _, way in observation["level_change"].tolist():
                 each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
-            each.past.amend(stored(each.cloud, observation.now_s))
+            each.past.amend(stored(each.cloud, observation.now_s, each.past.num_kept))
         self._focus()
 
 

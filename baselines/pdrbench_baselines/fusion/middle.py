@@ -21,9 +21,10 @@ def geometric_median(xy_m: FloatArray) -> FloatArray:
     >>> geometric_median(np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 100.0]])).round(1).tolist()
     [0.0, 1.0]
     """
-    xy_m = xy_m[:: max(1, -(-len(xy_m) // MAX_PLACES))]
-    middle_m: FloatArray = np.median(xy_m, axis=0)
+    x_m, y_m = np.ascontiguousarray(xy_m[:: max(1, -(-len(xy_m) // MAX_PLACES))].T)
+    at_x_m, at_y_m = np.median(x_m), np.median(y_m)
     for _ in range(TURNS):
-        nearness = 1.0 / np.sqrt(((xy_m - middle_m) ** 2).sum(axis=1) + NEAR_M**2)
-        middle_m = nearness @ xy_m / nearness.sum()
-    return middle_m
+        nearness = 1.0 / np.sqrt((x_m - at_x_m) ** 2 + (y_m - at_y_m) ** 2 + NEAR_M**2)
+        nearness /= nearness.sum()
+        at_x_m, at_y_m = nearness @ x_m, nearness @ y_m
+    return np.array([at_x_m, at_y_m])

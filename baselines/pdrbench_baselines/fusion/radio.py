@@ -134,11 +134,11 @@ class RadioEvidence:
         self._scanned_s = now_s
         return min(1.0, since_s / NEWS_S)
 
-    def elsewhere(self, likelihood: FloatArray) -> float:
-        """Of a scan, where its likelihood (N, K) on the lattice is given: off the floor, or where nobody surveyed."""
+    def elsewhere(self, log_likelihood: FloatArray) -> float:
+        """Log-likelihood of a scan, that on the lattice (N, K) given: off the floor, or where nobody surveyed."""
         if self.building is not None:
-            return float(likelihood.min())
-        return self._off_legs * float(likelihood[likelihood > math.exp(MIN_LOG)].mean())
+            return float(log_likelihood.min())
+        return math.log(self._off_legs * float(np.exp(log_likelihood[log_likelihood > MIN_LOG]).mean()))
 
     def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
         """(M,) which place of the lattice places (M, 2) on levels (M,) are at; -1 where that is none."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import strsm
@@ -79,8 +79,7 @@ class SignalFieldParams:
     weakest_dbm: float = -91.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Field:
+class Field(NamedTuple):
     """One access point on a level.
 
     Attributes:
@@ -217,11 +216,15 @@ class _Level:
         own = int(np.searchsorted(self._own, number))
         if own == len(self._own) or self._own[own] != number:
             return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
-        place = self._place[:, own]
-        new = np.unique(place[~self._has_loss[place]])
-        self._to_lattice[new], self._has_loss[new] = _loss(self._grid_m[new], self.lattice_m), True
+        place = self._place[:, own]  # ascending, most of them several times
+        last = np.flatnonzero(np.append(place[1:] != place[:-1], True))
+        place, share = place[last], np.diff(last, prepend=-1) / p.draws
+        new = place[~self._has_loss[place]]
+        if len(new):
+            self._to_lattice[new], self._has_loss[new] = _loss(self._grid_m[new], self.lattice_m), True
         each_dbm = self._level_dbm[place, own, None] + self._exponent[place, own, None] * self._to_lattice[place]
-        mean_dbm = each_dbm.mean(axis=0)
+        path_loss_dbm = share @ each_dbm
+        mean_dbm = path_loss_dbm.copy()
         near = mean_dbm > p.weakest_dbm - 4.0
         received = self._received[:, own]
         cells = np.flatnonzero((received > 0) | self._is_miss[:, own])
@@ -235,7 +238,8 @@ class _Level:
         kept = np.flatnonzero(near & (mean_dbm > p.weakest_dbm))
         # X L^T = B of the places that are kept, in the order of memory that is at hand
         known = strsm(1.0, factor, cross.take(kept, axis=1).T, side=True, lower=True, trans_a=True, overwrite_b=True)
-        variance_db2 = each_dbm[:, kept].var(axis=0) + p.shadow_db**2 - np.einsum("nc,nc->n", known, known)
+        variance_db2 = share @ (each_dbm[:, kept] - path_loss_dbm[kept]) ** 2
+        variance_db2 += p.shadow_db**2 - np.einsum("nc,nc->n", known, known)
         return kept, mean_dbm[kept], variance_db2
 
     def _fit_path_loss(self) -> None:

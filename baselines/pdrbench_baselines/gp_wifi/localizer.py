@@ -81,18 +81,18 @@ class GpWifiParams:
 
         A reading counts by the logarithm of how much likelier it is where it is expected than where it is not.
         """
-        readings = np.array([(dbm, self.odds_of(dbm), self.trust_of(dbm)) for dbm in rssi_dbm]).reshape(-1, 3)
+        strengths, which = np.unique(rssi_dbm, return_inverse=True)  # few: whole numbers, mostly
+        readings = np.array([(dbm, self.odds_of(dbm), self.trust_of(dbm)) for dbm in strengths.tolist()])
+        readings = readings.reshape(-1, 3)[which]
         found = [np.zeros((size, len(offset_db))) for size in np.diff(places.first)[numbers]]
         for number, part in zip(numbers, found, strict=True):
             fields = places.prepare(access_points, number)
-            is_known = np.array([one is not None and len(one.at) > 0 for one in fields], dtype=np.bool_)
-            if own := [one for one, known in zip(fields, is_known, strict=True) if known and one is not None]:
-                at, mean_dbm, variance_db2 = (
-                    np.concatenate([getattr(one, name) for one in own]) for name in ("at", "mean_dbm", "variance_db2")
-                )
-                first = np.cumsum([0, *(len(one.at) for one in own)])
+            own = {which: one for which, one in enumerate(fields) if one is not None and len(one.at)}
+            if own:
+                at, mean_dbm, variance_db2 = map(np.concatenate, zip(*own.values(), strict=True))
+                first = np.cumsum([0, *(len(one.at) for one in own.values())])
                 noise_db2 = self.field.noise_db**2
-                known = readings[is_known]
+                known = readings[list(own)]
                 add_readings(part, at, first, mean_dbm, variance_db2, known, offset_db, noise_db2, LOG1P_EXP)
         return np.concatenate(found)
 

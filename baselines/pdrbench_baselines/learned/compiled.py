@@ -72,29 +72,42 @@ class Layer:
     bias: FloatArray
     stride: int = 1
 
-    def __call__(self, x: FloatArray) -> FloatArray:
-        """(time, outside) of (time, inside), zero outside; or (outside,) of (inside,)."""
+    def __call__(self, x: FloatArray, least: float = -math.inf) -> FloatArray:
+        """(time, outside) of (time, inside), zero outside, `least` at least; or (outside,) of (inside,)."""
         if x.ndim == 1:
-            sample: FloatArray = self(x[None])[0]
+            sample: FloatArray = self(x[None], least)[0]
             return sample
         if x.shape[1] != self.weight.shape[1] or self.bias.shape != self.weight.shape[2:]:
             raise ValueError(f"{x.shape[1]} values for weights {self.weight.shape} and {len(self.bias)} of bias")
-        return _convolved(x, self.weight, self.bias, self.stride, self.weight.shape[0] // 2)
+        return _convolved(x, self.weight, self.bias, self.stride, self.weight.shape[0] // 2, least)
 
 
 @compiled
-def _convolved(x: FloatArray, weight: FloatArray, bias: FloatArray, stride: int, padding: int) -> FloatArray:
+def _convolved(
+    x: FloatArray, weight: FloatArray, bias: FloatArray, stride: int, padding: int, least: float
+) -> FloatArray:
     width, inside, outside = weight.shape
     count = (len(x) + 2 * padding - width) // stride + 1
     out = np.empty((count, outside))
     for t in range(count):
         for o in range(outside):
             out[t, o] = bias[o]
-        for k in range(max(padding - t * stride, 0), min(width, len(x) + padding - t * stride)):
-            for i in range(inside):
-                value = x[t * stride + k - padding, i]
+    for k in range(width):
+        first, end = max(-((k - padding) // stride), 0), min((len(x) + padding - k + stride - 1) // stride, count)
+        for i in range(0, inside - 3, 4):  # four products at a time: sums are loaded and stored a quarter as often
+            for t in range(first, end):
+                at = t * stride + k - padding
+                one, two, three, four = x[at, i], x[at, i + 1], x[at, i + 2], x[at, i + 3]
                 for o in range(outside):
-                    out[t, o] += value * weight[k, i, o]
+                    both = out[t, o] + one * weight[k, i, o] + two * weight[k, i + 1, o]
+                    out[t, o] = both + three * weight[k, i + 2, o] + four * weight[k, i + 3, o]
+        for i in range(inside - inside % 4, inside):
+            for t in range(first, end):
+                for o in range(outside):
+                    out[t, o] += x[t * stride + k - padding, i] * weight[k, i, o]
+    for t in range(count):
+        for o in range(outside):
+            out[t, o] = max(out[t, o], least)
     return out
 
 
@@ -114,15 +127,16 @@ def _remembered(gates: FloatArray, past_gates: FloatArray, past: FloatArray) -> 
 @compiled
 def _slow(rows: FloatArray, kernel: FloatArray) -> FloatArray:
     """(T, C) weighted means around each sample; rows are reflected at both ends."""
-    count, half = len(rows), len(kernel) // 2
-    out = np.zeros(rows.shape)
-    for t in range(count):
-        for k in range(len(kernel)):
-            at = abs(t + k - half)
-            at = min(at, 2 * (count - 1) - at)
-            for i in range(rows.shape[1]):
-                out[t, i] += kernel[k] * rows[at, i]
-    return out
+    (count, columns), half = rows.shape, len(kernel) // 2
+    padded, out = np.empty((count + 2 * half) * columns), np.zeros(count * columns)
+    for t in range(count + 2 * half):
+        at = abs(t - half)
+        for i in range(columns):
+            padded[t * columns + i] = rows[min(at, 2 * (count - 1) - at), i]
+    for k in range(len(kernel)):
+        for at in range(len(out)):
+            out[at] += kernel[k] * padded[k * columns + at]
+    return out.reshape(count, columns)
 
 
 @compiled
@@ -172,14 +186,15 @@ class CompiledNetwork:
     def ask(self, features: FloatArray, height_m: float, memory: FloatArray | None) -> tuple[WindowAnswer, FloatArray]:
         """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory."""
         window = np.ascontiguousarray(features.T)
-        seen, rhythm = self._gait(window, height_m) if self._has_gait else self._plain(window, height_m)
-        change = self._change(window, height_m)
+        rested_mps = self._rested(window) if self.carried == FOOT else None
+        seen, rhythm = self._gait(window, height_m) if self._has_gait else self._plain(window, height_m, rested_mps)
+        change = self._change(window, height_m, rested_mps)
         past = np.zeros(MEMORY) if memory is None else memory
         memory = _remembered(self._into(np.concatenate([seen, change])), self._onto(past), past)
-        out = self._out(np.maximum(self._head(np.concatenate([seen, memory])), 0.0))
+        out = self._out(self._head(np.concatenate([seen, memory]), 0.0))
         low, high = LOG_SIGMA
-        first, second = np.exp(np.clip(out[[2, 4]], low, high))
-        cholesky_m = self._claim * np.array([[first, 0.0], [np.clip(out[3], -2.0, 2.0), second]])
+        first, second = np.exp(np.minimum(np.maximum(out[[2, 4]], low), high))
+        cholesky_m = self._claim * np.array([[first, 0.0], [min(max(out[3], -2.0), 2.0), second]])
         doubt = None
         if self._has_gait:
             far = max(float(np.sum(self._whiten(seen - self._usual) ** 2)) / self._near, 1.0)
@@ -239,21 +254,21 @@ class CompiledNetwork:
 
     def _trunk(self, x: FloatArray) -> FloatArray:
         """(features,) of (`WINDOW`, inputs), channel by channel."""
-        x = np.maximum(self._begin(x), 0.0)
+        x = self._begin(x, 0.0)
         for first, second, way in self._blocks:
-            x = np.maximum(second(np.maximum(first(x), 0.0)) + (x if way is None else way(x)), 0.0)
-        return np.maximum(self._end(x), 0.0).T.ravel()
+            x = np.maximum(second(first(x, 0.0)) + (x if way is None else way(x)), 0.0)
+        return self._end(x, 0.0).T.ravel()
 
-    def _plain(self, window: FloatArray, height_m: float) -> tuple[FloatArray, float]:
+    def _plain(self, window: FloatArray, height_m: float, rested_mps: FloatArray | None) -> tuple[FloatArray, float]:
         """(`FEATURES`,) of a window (`WINDOW`, channels); such a network does not look at the rhythm of steps."""
         summed = np.cumsum(window[:, [0, 1, 5]], axis=0) / RATE_HZ
         derived = summed - summed.mean(axis=0)
-        if self.carried == FOOT:
-            derived = np.column_stack([self._rested(window), derived[:, 2]])
+        if rested_mps is not None:
+            derived = np.column_stack([rested_mps, derived[:, 2]])
         x = np.empty((WINDOW, INPUTS))
         x[:, :CHANNELS], x[:, CHANNELS:-2] = window / SCALES[self.carried], derived / DERIVED_SCALES[self.carried]
         x[:, -2:] = _person(height_m)
-        return np.maximum(self._neck(self._trunk(x)), 0.0), math.nan
+        return self._neck(self._trunk(x), 0.0), math.nan
 
     def _gait(self, window: FloatArray, height_m: float) -> tuple[FloatArray, float]:
         """(`FEATURES`,) of a window (`WINDOW`, channels), and how rhythmically it is shaken."""
@@ -270,13 +285,13 @@ class CompiledNetwork:
         x[:, :6], x[:, 6:9], x[:, 9:12] = 1.5 * normal, slow[:, 3:6], window[:, 6:9]
         x[:, 12:15], x[:, 15:] = integrals, size
         rhythm = _rhythm(normal, _LAGS)
-        seen = self._neck(np.concatenate([self._trunk(x), rhythm.ravel(), _person(height_m)]))
-        return np.maximum(seen, 0.0), float(rhythm[:, _STEPS].max()) if size[0] > SHAKES else math.nan
+        seen = self._neck(np.concatenate([self._trunk(x), rhythm.ravel(), _person(height_m)]), 0.0)
+        return seen, float(rhythm[:, _STEPS].max()) if size[0] > SHAKES else math.nan
 
-    def _change(self, window: FloatArray, height_m: float) -> FloatArray:
+    def _change(self, window: FloatArray, height_m: float, rested_mps: FloatArray | None) -> FloatArray:
         """(`CHANGE`,) of a window, and of a network with a gait by how much the person is taller than usual."""
-        if self.carried == FOOT:
-            velocity_mps = self._rested(window)[-HORIZON:].mean(axis=0)
+        if rested_mps is not None:
+            velocity_mps = rested_mps[-HORIZON:].mean(axis=0)
         else:
             weights = self._rise_and_fall[:, None]
             velocity_mps = np.sum(window[-len(weights) :, 0:2] * weights, axis=0)

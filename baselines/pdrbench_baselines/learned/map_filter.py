@@ -156,11 +156,13 @@ def debug_of(cloud: LearnedMapFilter | None) -> dict[str, NDArray[Any]]:
     }
 
 
-def stored(cloud: LearnedMapFilter, t_s: float) -> StoredCloud:
-    """Particles as backward sampling takes them: place, logarithm of the factor on lengths, error of the heading."""
-    state = np.column_stack([cloud.particles_xy_m, np.log(cloud.scale), cloud.bias_rad])
-    weight = np.ones(len(state))
-    return StoredCloud(t_s, state, cloud.particles_level, cloud.particles_cell, weight, cloud.line_check())
+def stored(cloud: LearnedMapFilter, t_s: float, most: int) -> StoredCloud:
+    """At most so many particles as backward sampling takes them: place, log of the factor on lengths, error of the
+    heading."""
+    kept = slice(None, None, -(-cloud.num_particles // most))
+    state = np.column_stack([cloud.particles_xy_m[kept], np.log(cloud.scale[kept]), cloud.bias_rad[kept]])
+    level, cell = cloud.particles_level[kept], cloud.particles_cell[kept]
+    return StoredCloud(t_s, state, level, cell, np.ones(len(state)), cloud.line_check())
 
 
 def motion_of(move: Move, params: LearnedMapFilterParams, turn_rad: float = 0.0) -> Transition:

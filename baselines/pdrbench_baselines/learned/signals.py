@@ -69,7 +69,7 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
         RecordingError: Fewer than two rows of a sensor, or times that go back.
     """
     for name, rows in (("accel", accel), ("gyro", gyro), ("rotation", rotation)):
-        if len(rows) < 2 or not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) < 0):
+        if len(rows) < 2 or not np.isfinite(rows).all() or (rows[1:, 0] < rows[:-1, 0]).any():
             raise RecordingError(
                 f"{name}: two rows or more, finite, in the order of time; sort or repair the recording"
             )
@@ -86,9 +86,10 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
 
 def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
     """(n,) whether times lie between two samples that are no further apart than `MAX_GAP_S`."""
-    after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
-    is_near: BoolArray = (t_s[after] - t_s[after - 1] <= MAX_GAP_S) & (at_s <= t_s[-1] + MAX_GAP_S)
-    is_near &= at_s >= t_s[0] - MAX_GAP_S
+    is_near: BoolArray = (at_s <= t_s[-1] + MAX_GAP_S) & (at_s >= t_s[0] - MAX_GAP_S)
+    if (t_s[1:] - t_s[:-1]).max() > MAX_GAP_S:
+        after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
+        is_near &= t_s[after] - t_s[after - 1] <= MAX_GAP_S
     return is_near
 
 
@@ -99,6 +100,8 @@ def gaps_filled(signals: Signals) -> Signals:
     Where too few samples came before to go on from, signals begin after the gap, as at the beginning of a walk.
     Attitudes stay those between the samples around a gap.
     """
+    if signals.is_whole.all():
+        return signals
     accel, gyro = signals.accel.copy(), signals.gyro.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[True], signals.is_whole, [True]]).astype(np.int64)))
     first = 0

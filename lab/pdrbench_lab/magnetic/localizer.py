@@ -82,7 +82,7 @@ class MagneticFusion(Fusion):
         for each in self._hypotheses:
             assert isinstance(each.cloud, MagneticCloud)
             each.cloud.weigh_by_field(sample)
-            each.past.amend(stored(each.cloud, move.end_s))
+            each.past.amend(stored(each.cloud, move.end_s, each.past.num_kept))
         if self._hypotheses:
             least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
             self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
