@@ -19,6 +19,7 @@ from pdrbench_formats.recordings.delimited import DelimitedTable
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
 _MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
+_MAX_TIMES: Final = 100  # columns among which a time without a name is looked for
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
 _SAMPLED_S: Final = (1e-3, 0.05)  # of inertial sensors: 1000 to 20 Hz
 _MIN_FIELD_UT: Final = 5.0  # less is no field of the Earth, in whatever is taken for the unit
@@ -229,14 +230,14 @@ def _is_numeric(table: DelimitedTable, name: str) -> bool:
 def _growing(table: DelimitedTable, names: Sequence[str]) -> list[str]:
     """Columns that grow from row to row as a clock does; one that counts rows is none."""
     found = []
-    for name in names:
+    for name in names[:_MAX_TIMES] if len(table) > MIN_ROWS else ():
         part = _beginning(table, [name])
         try:
             t, _ = clock(part, name, "s" if table.columns[name].dtype.kind in "iuf" else "datetime")
         except RecordingError:
             continue
         steps = np.diff(t)
-        grows = len(steps) >= MIN_ROWS and np.isfinite(steps).all() and (steps >= 0).all() and (steps > 0).mean() > 0.9
+        grows = np.isfinite(steps).all() and (steps >= 0).all() and (steps > 0).mean() > 0.9
         if grows and not (steps == 1.0).all() and float(np.quantile(steps, 0.9)) < 3.0 * float(np.median(steps)):
             found.append(name)
     return found

@@ -38,7 +38,7 @@ from pdrbench_formats.recordings.joined import COLUMNS_OF, SensorTable, by_kind,
 from pdrbench_formats.recordings.texts import text_of
 from pdrbench_formats.toml import toml_value
 
-_MIN_NAMED = 4  # columns: a time and a vector
+_WIDTH: Final = range(4, 1000)  # columns: a time and a vector, and not the numbers of a document in one line
 _BOTH: Final = {"accel", "gyro"}
 _MAX_DEVICES: Final = 8
 _MAX_SEEN: Final = 1000  # rows that show that a column names no devices
@@ -230,7 +230,7 @@ def _table(content: bytes, path: Path, known: ColumnMap = _UNKNOWN) -> Delimited
 
 
 def sniff(head: Head) -> bool:
-    """True for rows of numbers in at least four columns, and for a folder with a table of each inertial sensor."""
+    """True for rows of numbers in as many columns as sensors have, or a folder with a table of each inertial sensor."""
     if head.container is not None:
         tables = _tables(head.container)
         if not {COLUMNS_OF[kind] for kind in tables.values()} >= _BOTH:
@@ -239,7 +239,7 @@ def sniff(head: Head) -> bool:
     is_whole = not _COLUMNS.match(head.content)
     content = head.content if is_whole else open_container(head.path).read(head.path.name)
     layout = _layout_of(content, head.path)
-    return layout is not None and len(layout.names) >= _MIN_NAMED
+    return layout is not None and len(layout.names) in _WIDTH
 
 
 def _layout_of(content: bytes, path: Path) -> Layout | None:

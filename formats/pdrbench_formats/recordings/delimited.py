@@ -29,8 +29,8 @@ _MISSING: Final = ("", "nan", "none", "null", "na", "n/a", "-", "--", "?")
 BLANKS: Final = " "  # any number of blanks or tabs between two fields
 COMMENTS: Final = ("#", "%", "//", "!")
 _COMMENT_LINE: Final = re.compile(rb"^(?:[#%!]|//).*\n?", re.M)
-_SEC: Final = "s(?:ec|econd)s?"
-_REST: Final = re.compile(f"(.*?)(n|nano|u|micro|m|milli){_SEC}", re.I)
+_WHOLE: Final = re.compile("(.*?)s(?:ec|econd)s?", re.I)
+_REST: Final = re.compile("(.*?)(n|nano|u|micro|m|milli)s(?:ec|econd)s?", re.I)
 _REST_NS: Final = {"n": 1, "nano": 1, "u": 10**3, "micro": 10**3, "m": 10**6, "milli": 10**6}
 _MAX_ODD: Final = 0.02  # of all rows: more lines that are no row are a fault of the whole file
 _MIN_ODD: Final = 3
@@ -205,11 +205,11 @@ def read_delimited(
 
 def _with_stamp(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Columns, before them their seconds and what is left of a second, as ROS writes a time, in one of nanoseconds."""
-    for name, values in columns.items():
-        match = _REST.fullmatch(name)
-        whole = next((one for one in columns if match and re.fullmatch(re.escape(match[1]) + _SEC, one, re.I)), name)
-        if match and whole != name and {values.dtype.kind, columns[whole].dtype.kind} <= {"i", "u"}:
-            s, rest_ns = columns[whole].astype(np.int64), values.astype(np.int64) * _REST_NS[match[2].lower()]
+    whole_of = {match[1].lower(): columns[match[0]] for match in map(_WHOLE.fullmatch, columns) if match}
+    for match in filter(None, map(_REST.fullmatch, columns)):
+        values, whole = columns[match[0]], whole_of.get(match[1].lower())
+        if whole is not None and {values.dtype.kind, whole.dtype.kind} <= {"i", "u"}:
+            s, rest_ns = whole.astype(np.int64), values.astype(np.int64) * _REST_NS[match[2].lower()]
             is_rest = (rest_ns >= 0) & (rest_ns < 10**9) & (abs(s) < 2**33)
             if is_rest.all() and (np.diff(s * 10**9 + rest_ns) >= 0).all():
                 return {f"{match[1]}time_ns": s * 10**9 + rest_ns, **columns}
