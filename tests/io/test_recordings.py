@@ -119,8 +119,7 @@ def test_numbers_of_logs_are_read_to_the_last_bit(value: float, digits: int) -> 
     written = f"{value:.{digits}g}"
     begin = b"ACCE;" + b";".join([written.encode()] * 5) + b";3\n"
     parts = getsensordata._Parts()
-    space = getsensordata._Workspace(len(begin))
-    getsensordata._read_chunk(Path("a"), begin, 1, parts, getsensordata.Tally(), space, is_last=False)
+    getsensordata._read_chunk(Path("a"), begin, 1, parts, getsensordata.Tally(), is_last=False)
     got = parts.rows["accel"][0][0, 1]
     assert got == pytest.approx(float(written), rel=4e-16, abs=1e-30)
 

@@ -41,25 +41,20 @@ CHUNK_BYTES: Final = 2 << 20
 MAX_TEXT_BYTES: Final = 16 << 30  # a day of a phone is 4 GB
 MAX_LAG_S: Final = 2.0  # between the two clocks, beyond what a record usually takes from one to the other
 MAX_AGE_S: Final = 3600.0
-_MAX_VALUES: Final = 4  # a time and up to three numbers
-_MIN_RECORD_BYTES: Final = 9  # PRES;;;; and the end of the line
-_MIN_LINE_BYTES: Final = 2
 _MAX_COMMENTS: Final = 1000
 _MAX_STAMPS: Final = 20_000  # of a stream, that say how the two clocks lie
 _UTF8_BOM: Final = b"\xef\xbb\xbf"
 # numbers behind the type: time of the app, time of the sensor, then these; and where they begin among them
 _KINDS: Final = {
-    b"ACCE": ("accel", 2, 3),
-    b"GYRO": ("gyro", 2, 3),
-    b"MAGN": ("mag", 2, 3),
-    b"PRES": ("baro", 2, 1),
-    b"AHRS": ("rotation", 5, 3),
+    b"ACCE;": ("accel", 2, 3),
+    b"GYRO;": ("gyro", 2, 3),
+    b"MAGN;": ("mag", 2, 3),
+    b"PRES;": ("baro", 2, 1),
+    b"AHRS;": ("rotation", 5, 3),
 }
-_SKIPPED: Final = (b"LIGH", b"SOUN", b"GNSS", b"PROX", b"HUMI", b"TEMP", b"RFID", b"IMUX", b"IMUL", b"BLUE")
-_CODES: Final = np.array([np.frombuffer(name, "<u4")[0] for name in _KINDS], dtype=np.uint32)
-_SKIPPED_CODES: Final = np.array([np.frombuffer(name, "<u4")[0] for name in _SKIPPED], dtype=np.uint32)
-_FIRST: Final = np.array([first for _, first, _ in _KINDS.values()])
-_WIDTH: Final = np.array([width for *_, width in _KINDS.values()])
+_SKIPPED: Final = frozenset(
+    (b"LIGH;", b"SOUN;", b"GNSS;", b"PROX;", b"HUMI;", b"TEMP;", b"RFID;", b"IMUX;", b"IMUL;", b"BLUE;")
+)
 _RECORD: Final = re.compile(rb"^(ACCE|GYRO|MAGN|PRES|AHRS|WIFI|BLE4|POSI|GNSS|LIGH|SOUN|RFID|PROX);\s*-?\d", re.M)
 _TYPE: Final = re.compile(rb"[A-Z][A-Z0-9]{3};")
 _MAX_SHOWN: Final = 60  # bytes of a line in a finding
@@ -109,9 +104,8 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     tally, parts = Tally(), _Parts()
     line = 1
     num_records = 0
-    space = _Workspace(2 * CHUNK_BYTES)  # a packed chunk has what was left of the one before it
     for chunk, is_last in _chunks(path):
-        num_lines, found = _read_chunk(path, chunk, line, parts, tally, space, is_last=is_last)
+        num_lines, found = _read_chunk(path, chunk, line, parts, tally, is_last=is_last)
         num_records += found
         line += num_lines
         span_s = max((tables[-1][-1, 0] - tables[0][0, 0] for tables in parts.rows.values()), default=0.0)
@@ -171,62 +165,54 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
     yield pending, True
 
 
-class _Workspace:
-    """Arrays that every chunk of so many bytes is read into; memory is taken where something is written only."""
-
-    def __init__(self, num_bytes: int) -> None:
-        self.rows = np.empty((len(_KINDS), num_bytes // _MIN_RECORD_BYTES + 1, _MAX_VALUES))
-        self.stamps = np.empty(self.rows.shape[:2])
-        self.bounds = np.empty((num_bytes // _MIN_LINE_BYTES + 1, 4), np.int64)
-
-
-def _read_chunk(
-    path: Path, chunk: bytes, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
-) -> tuple[int, int]:
+def _read_chunk(path: Path, chunk: bytes, line: int, parts: _Parts, tally: Tally, *, is_last: bool) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
-    from pdrbench_formats.recordings.log_kernels import parse_lines
-
-    counts = np.zeros(len(_CODES) + len(_SKIPPED), np.int64)
-    buffer = np.frombuffer(chunk, dtype=np.uint8)
-    listed, commas, num_lines = parse_lines(
-        buffer, _CODES, _FIRST, _WIDTH, _SKIPPED_CODES, space.rows, space.stamps, space.bounds, counts
-    )
-    if commas:
-        tally.mended["decimal commas"] += commas
-    for unread, count in zip(_SKIPPED, counts[len(_KINDS) :].tolist(), strict=True):
-        if count:
-            tally.skipped[unread.decode()] += count
-    found = int(counts.sum())
-    odd: dict[str, list[tuple[int, list[float]]]] = defaultdict(list)
-    for place, (begin, end, at, row) in enumerate(space.bounds[:listed].tolist()):
-        record = bytes(chunk[begin:end])
-        if record[:4] in _KINDS and record[4:5] == b";":
+    found = 0
+    rows: dict[str, list[list[float]]] = defaultdict(list)
+    lines = chunk.split(b"\n")
+    for number, record in enumerate(lines, line):
+        start = record[:5]
+        if start in _KINDS:
             found += 1
-            values = _read_odd(path, record, line + at, parts, tally, is_cut=is_last and place == listed - 1)
+            values = _plain(record) or _read_numbers(path, record, number, parts, tally, is_cut=is_last)
             if values is not None:
-                odd[_KINDS[record[:4]][0]].append((row, values))
-        else:
-            found += _read_other(record, line + at, parts, tally)
-    for k, (name, _, width) in enumerate(_KINDS.values()):
-        table, stamps = space.rows[k, : counts[k], : 1 + width].copy(), space.stamps[k, : counts[k]].copy()
-        if odd[name]:
-            at_rows = [row for row, _ in odd[name]]
-            table = np.insert(table, at_rows, [values[1:] for _, values in odd[name]], axis=0)
-            stamps = np.insert(stamps, at_rows, [values[0] for _, values in odd[name]])
-        if len(table):
-            parts.rows[name].append(table)
-            parts.stamps[name].append(stamps)
-    return num_lines, found
+                rows[_KINDS[start][0]].append(values)
+        elif start in _SKIPPED:
+            found += 1
+            tally.skipped[start[:4].decode()] += 1
+        elif whole := record.rstrip(b"\r "):
+            found += _read_other(whole, number, parts, tally)
+    for name, *_ in _KINDS.values():
+        if name in rows:
+            table = np.array(rows[name])
+            parts.rows[name].append(table[:, 1:])
+            parts.stamps[name].append(table[:, 0])
+    return len(lines) - (not lines[-1]), found
 
 
-def _read_odd(path: Path, record: bytes, line: int, parts: _Parts, tally: Tally, *, is_cut: bool) -> list[float] | None:
-    """Reads a record with blanks, exponents or many digits, or one whose numbers follow the time of the app at once.
+def _plain(record: bytes) -> list[float] | None:
+    """What `_read_numbers` returns, of a record in which nothing is odd, as nearly all are."""
+    _, first, width = _KINDS[record[:5]]
+    fields = record.split(b";", first + width + 1)
+    if len(fields) <= first + width:
+        return None
+    try:
+        values = [float(fields[2]), float(fields[1]), *map(float, fields[first + 1 : first + width + 1])]
+    except ValueError:
+        return None
+    return values if math.isfinite(sum(values)) else None
+
+
+def _read_numbers(
+    path: Path, record: bytes, line: int, parts: _Parts, tally: Tally, *, is_cut: bool
+) -> list[float] | None:
+    """Reads a record of numbers; in some they follow the time of the app at once.
 
     Returns:
         Time of the sensor, NaN where there is none, time of the app, and the numbers; None of one that is left out.
     """
-    name, first, width = _KINDS[record[:4]]
-    fields = record.rstrip(b"; ").split(b";")[1:]
+    name, first, width = _KINDS[record[:5]]
+    fields = record.rstrip(b"\r; ").split(b";")[1:]
     is_whole = len(fields) >= first + width
     if not is_whole:  # without the time of the sensor
         fields = [*fields[:1], b"", *fields[1:]]
@@ -234,17 +220,21 @@ def _read_odd(path: Path, record: bytes, line: int, parts: _Parts, tally: Tally,
         tally.dropped[f"{name} lacks fields"] += 1
         parts.lose(line, record)
         return None
+    wanted = (fields[1], fields[0], *fields[first : first + width])
     try:
-        return [_number(text) for text in (fields[1], fields[0], *fields[first : first + width])]
+        values = [_number(text) for text in wanted]
     except ValueError:
         if is_whole and not is_cut:
             raise RecordingError(
                 f"{path}: line {line}: {record[:80].decode(errors='replace')!r} holds a field that is no number; "
                 f"delete the line or export it again"
             ) from None
-    tally.dropped["last line cut" if is_whole else f"{name} cannot be read"] += 1
-    parts.lose(line, record)
-    return None
+        tally.dropped["last line cut" if is_whole else f"{name} cannot be read"] += 1
+        parts.lose(line, record)
+        return None
+    if commas := sum(b"," in text for text in wanted):
+        tally.mended["decimal commas"] += commas
+    return values
 
 
 def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
