@@ -9,4 +9,5 @@ HELD_OUT = {"recorded": "pdrbench_leaderboard.replays:replayed"}
 COMMANDS = {
     "submit": "pdrbench_leaderboard.submit_command:app",
     "leaderboard": "pdrbench_leaderboard.leaderboard_command:app",
+    "power": "pdrbench_leaderboard.power_command:power",
 }

@@ -24,7 +24,6 @@ COMMANDS = {
     "run": "pdrbench.cli.run:run",
     "compare": "pdrbench.cli.compare:compare",
     "check": "pdrbench.cli.check:app",
-    "power": "pdrbench.cli.power:power",
     "data": "pdrbench.cli.data:app",
     "plot": "pdrbench.cli.plot:plot",
 }

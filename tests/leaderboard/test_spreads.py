@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from pdrbench.metrics.power import Design, Spread, measured_spread, neighbour_error, walks_for
 from pdrbench.metrics.ranking import smallest_ratio
+from pdrbench_leaderboard.spreads import Design, Spread, measured_spread, neighbour_error, walks_for
 
 
 def draw(rng: np.random.Generator, units: int, per_unit: int, seeds: int, spread: Spread) -> np.ndarray:

@@ -46,9 +46,9 @@ def power(
     """
     with answer_only(as_json):
         from pdrbench.evaluation import load_results
-        from pdrbench.evaluation.power import measured, power_rows, ranked_walks
         from pdrbench.evaluation.sweep import SCORES_FOLDER
         from pdrbench.evaluation.tables import Results
+        from pdrbench_leaderboard.power import measured, power_rows, ranked_walks
 
         board, counts = ranked_walks(name, root)
         if results is None:
@@ -78,9 +78,9 @@ def _play(
     """Plays each environment whose data is there, on the split that spreads are measured on."""
     from pdrbench.cli.ready import ready_environment, suited_localizers
     from pdrbench.evaluation import evaluate
-    from pdrbench.evaluation.power import measuring_split
     from pdrbench.evaluation.tables import Results
     from pdrbench.registry import make_task
+    from pdrbench_leaderboard.power import measuring_split
 
     found: list[Result] = []
     for env in counts:

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from pdrbench import registry
-from pdrbench.evaluation import evaluate, power
+from pdrbench.evaluation import evaluate
 from pdrbench.registry import BOARDS_GROUP, PluginEntry
+from pdrbench_leaderboard import power
 
 ENV = "CampusStride-v1"
 

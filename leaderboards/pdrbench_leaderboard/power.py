@@ -14,12 +14,12 @@ from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation.rows import DRAW_SEED, Played, side_by_side
 from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.power import Design, Spread, measured_spread, neighbour_error, walks_for
 from pdrbench.metrics.ranking import rank, smallest_ratio
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.registry import BOARDS_GROUP, entries, environments, make_task
 from pdrbench.result import ONLINE
 from pdrbench.task import SPLITS, Task
+from pdrbench_leaderboard.spreads import Design, Spread, measured_spread, neighbour_error, walks_for
 
 RATIOS: Final = (1.1, 1.25)  # how many walks they need is said
 
