@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import UnknownNameError
-from pdrbench.inertial import LITERAL, Rest, navigate
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import PROFILES, DeviceError, ImuProfile, SensorErrors, imu_profile
 
@@ -265,33 +264,6 @@ def test_a_longer_walk_begins_like_a_shorter_one_and_unknown_units_suggest_the_n
     assert imu_profile("phone_mid") is PROFILES["phone_mid"]
     with pytest.raises(UnknownNameError, match="no inertial unit named 'mtx81'; did you mean 'mtx18'"):
         imu_profile("mtx81")
-
-
-# Errors after navigation
-
-
-def calibrated(measured: Measured, until_s: float) -> Measured:
-    """The rate at rest taken as the bias, and the time of the rest taken away."""
-    at_rest_ = measured.t_s < until_s
-    gyro = measured.gyro - measured.gyro[at_rest_].mean(axis=0)
-    later = ~at_rest_
-    return Measured(measured.t_s[later], measured.accel[later], gyro[later])
-
-
-def test_free_inertial_navigation_drifts_by_hundreds_of_metres_in_a_minute():
-    """W20. Biases are those of the minute at rest before; without that 0.5 degrees/s would make kilometres of it.
-
-    By white noise N alone, an axis drifts by g N sqrt(t^5 / 20) = 107 m.
-    """
-    drift_m = []
-    for seed in range(20):
-        measured = calibrated(measure(PROFILES["mtx"], at_rest(121.0, 240.0), seed), 60.0)
-        is_known = measured.t_s < 61.0  # the vertical is found, then nothing helps for 60 s
-        never = np.full(len(is_known), np.inf)
-        rest = Rest(np.where(is_known, 0.01, np.inf), never, np.zeros(len(is_known)))
-        states = navigate(*measured, LITERAL, rest=rest)
-        drift_m.append(np.hypot(*states.x[-1, :2]))
-    assert 100.0 < np.median(drift_m) < 300.0
 
 
 # Bad input
