@@ -94,7 +94,7 @@ _KINDS: Final = {
 }
 _BEACON, _BEACON_FIELDS = b"TYPE_BEACON", 10
 _SAMPLED: Final = ("accel", "gyro", "mag", "rotation")
-# Written by the app and of no use here; listed, with their fields, to know lines in which another begins.
+# Written by the app and of no use here; listed, with their fields, so that counting them is cheap.
 _SKIPPED: Final = {
     b"TYPE_ACCELEROMETER_UNCALIBRATED": 9,
     b"TYPE_GYROSCOPE_UNCALIBRATED": 9,
@@ -104,6 +104,7 @@ _SKIPPED: Final = {
 }
 _MAX_FIELDS: Final = {name: kind.max_fields for name, kind in _KINDS.items()} | _SKIPPED
 _RECORD: Final = re.compile(rb"^(\d{1,13}\tTYPE_|#\s*startTime:)", re.MULTILINE)
+_PREFIX, _NUM_INITIALS = 5, 4  # behind TYPE_, four letters distinguish nearly all types and fit into a uint32
 # Median of the vector's length while a person walks, and what a median outside means.
 _USUAL_NORM: Final = {
     "accel": (5.0, 20.0, "m/s^2 with gravity", "g, or gravity was taken out"),
@@ -214,20 +215,38 @@ class _Groups:
 
 def _group(lines: Lines) -> _Groups:
     record = np.flatnonzero(lines.is_record)
-    texts = lines.slices(lines.start[record] + TYPE_AT, lines.field(record, 1)[1])
-    types = np.array(texts, dtype=np.bytes_)
-    by_type = {name: record[types == name] for name in dict.fromkeys(texts)}
-    known = {name: by_type[name] for name in _MAX_FIELDS if name in by_type}
-    others = [line for name, line in by_type.items() if name not in known]
+    begin = lines.start[record] + TYPE_AT
+    initials = lines.words(begin + _PREFIX, _NUM_INITIALS).view(np.uint32)
+    _, finish = lines.field(record, 1)
+    num_fields = lines.num_fields(record)
+    key = initials.astype(np.int64) << 32 | finish - begin
+    is_known = np.zeros(len(record), dtype=np.bool_)
+    kinds: dict[_Kind, IntArray] = {}
+    skipped: Counter[str] = Counter()
+    may_be_glued = False
+    for name, max_fields in _MAX_FIELDS.items():
+        of_type = np.flatnonzero(key == _key_of(name))
+        of_type = of_type[lines.equal(begin[of_type], name)]
+        if not len(of_type):
+            continue
+        is_known[of_type] = True
+        line = record[of_type]
+        may_be_glued |= bool(num_fields[of_type].max() > max_fields)
+        if name in _KINDS:
+            kinds[_KINDS[name]] = line
+        else:
+            skipped[name.decode()] = len(line)
+    others = lines.slices(begin[~is_known], lines.end[record[~is_known]])
+    skipped.update(text.partition(b"\t")[0].decode() for text in others)
     heading = np.flatnonzero(~lines.is_record)
-    begin = np.concatenate([lines.start[heading], *(lines.start[line] + TYPE_AT for line in others)])
-    unsure = lines.slices(begin, np.concatenate([lines.end[heading], *(lines.end[line] for line in others)]))
-    return _Groups(
-        kinds={_KINDS[name]: line for name, line in known.items() if name in _KINDS},
-        skipped={name.decode(): len(line) for name, line in by_type.items() if name not in _KINDS},
-        may_be_glued=any(lines.num_fields(line).max() > _MAX_FIELDS[name] for name, line in known.items())
-        or any(b"\tTYPE_" in text or b"#\t" in text[1:] for text in unsure),
-    )
+    unsure = others + lines.slices(lines.start[heading], lines.end[heading])
+    may_be_glued |= any(b"\tTYPE_" in text or b"#\t" in text[1:] for text in unsure)
+    return _Groups(kinds, skipped, may_be_glued)
+
+
+def _key_of(name: bytes) -> int:
+    """Four letters behind TYPE_ and the length: together they distinguish nearly all types."""
+    return int(np.frombuffer(name, np.uint32, count=1, offset=_PREFIX)[0]) << 32 | len(name)
 
 
 def _check_fields(lines: Lines, kind: _Kind, line: IntArray) -> None:

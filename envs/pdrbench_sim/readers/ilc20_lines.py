@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench_sim.readers import decimals
 
-_TAB, _LINE_FEED, _HASH, _ZERO = b"\t\n#0"
-_BLANK: Final = np.uint8(ord(" "))
-_MAX_DIGITS: Final = 24  # of a number that is read among many; time and type before it are wider
+_TAB, _LINE_FEED, _HASH, _MINUS, _ZERO = b"\t\n#-0"
 TIME_DIGITS: Final = 13  # unix milliseconds since September 2001
 TYPE_AT: Final = TIME_DIGITS + 1  # offset of the type in a line
 _TYPE: Final = b"TYPE_"
 _NUMBER = re.compile(rb"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_HASH_BYTES: Final = 24  # an address of a network has 17
+_HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
 HEAD_BYTES: Final = 65_536
 _SHORT = re.compile(rb"^\d{1,9}(?=\tTYPE_)", re.MULTILINE)  # milliseconds from 0 without leading zeros: eleven days
 _HEADER = re.compile(rb"#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):")  # fast as it begins plainly
@@ -68,16 +69,13 @@ class Lines:
 
     def numbers(self, begin: IntArray, end: IntArray) -> FloatArray:
         """(L,) the numbers between offsets in records; NaN where something else stands there."""
-        length = end - begin
-        texts = self.words(end - _MAX_DIGITS, _MAX_DIGITS).view(np.uint8).reshape(-1, _MAX_DIGITS)
-        texts = np.where(np.arange(_MAX_DIGITS) >= _MAX_DIGITS - length[:, None], texts, _BLANK)
-        try:
-            numbers = texts.view(f"S{_MAX_DIGITS}")[:, 0].astype(np.float64)
-            if length.max(initial=0) <= _MAX_DIGITS and np.isfinite(numbers).all():
-                return numbers
-        except ValueError:
-            pass
-        return np.array([as_float(text) for text in self.slices(begin, end)])
+        is_negative = self.codes[begin] == _MINUS
+        words = self.words(end - decimals.WIDTH, decimals.WIDTH)  # time and type are wider than that
+        numbers, is_plain = decimals.parse(words, end - begin - is_negative)
+        np.negative(numbers, out=numbers, where=is_negative)
+        odd = np.flatnonzero(~is_plain)
+        numbers[odd] = [as_float(text) for text in self.slices(begin[odd], end[odd])]
+        return numbers
 
     @property
     def counts_from_zero(self) -> bool:
@@ -115,7 +113,16 @@ class Lines:
         return [content[a:b] for a, b in zip(start.tolist(), end.tolist(), strict=True)]
 
     def distinct(self, begin: IntArray, end: IntArray) -> tuple[list[bytes], IntArray]:
-        """The distinct texts between offsets, and (L,) which of them each is."""
+        """The distinct texts between offsets, and (L,) which of them each is; fast where all have one short length."""
+        length = end - begin
+        if 0 < length[0] <= _HASH_BYTES and (length == length[0]).all():
+            words = self.words(begin, int(length[0]))
+            padded = words.astype(f"S{_HASH_BYTES}").view(np.uint64).reshape(len(words), -1)
+            hashes, which = np.unique(padded @ _HASH_FACTORS, return_inverse=True)
+            sample = np.empty(len(hashes), dtype=np.int64)
+            sample[which] = np.arange(len(which))
+            if words[sample[which]].tobytes() == words.tobytes():  # no two texts share a hash
+                return words[sample].tolist(), which
         texts = self.slices(begin, end)
         number = {text: k for k, text in enumerate(dict.fromkeys(texts))}
         return list(number), np.array([number[text] for text in texts], dtype=np.int64)
