@@ -26,6 +26,13 @@ ROOMS: Final = (  # whose `__all__` is what may be relied on
     *(f"pdrbench.{room}" for room in ("report", "sensors")),
     *(f"pdrbench_formats.{room}" for room in ("derive", "replays", "taskfile")),
 )
+SITE: Final = {  # page of the site by the file that it is made of, which pages link to: GitHub shows that one
+    **{f"../pdrbench/{room}/__init__.py": f"api/{room}.md" for room in TOOLBOX},
+    "../pdrbench/metrics/metrics.toml": "metrics.md",
+    "../envs/README.md": "environments/index.md",
+    "../envs/pdrbench_envs/wifi_fingerprints.py": "environments/WifiFingerprints-v1.md",
+    "../baselines/pdrbench_baselines/learned/MODEL_CARD.md": "networks.md",
+}
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -54,10 +61,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fills in the table of registered datasets and the sections of formats."""
-    made = {"data.md": ("{{ datasets }}", _dataset_table), "formats.md": ("{{ formats }}", formats_page)}
+    """Fills in the table of registered datasets and the sections of formats; links to the pages of the site."""
+    made = {"data.md": ("<!-- datasets -->", _dataset_table), "formats.md": ("<!-- formats -->", formats_page)}
     mark, make = made.get(page.file.src_uri, ("", str))
-    return markdown.replace(mark, make()) if mark else markdown
+    markdown = markdown.replace(mark, make()) if mark else markdown
+    for source, site in SITE.items():
+        markdown = markdown.replace(f"]({source})", f"]({site})")
+    return markdown
 
 
 def ours(entries: Mapping[str, PluginEntry]) -> dict[str, PluginEntry]:

@@ -78,7 +78,7 @@ def _render(template: str, **values: Any) -> str:
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
     )
-    return environment.get_template(template).render(values, one_line=_one_line, unit_of=unit_of)
+    return environment.get_template(f"{template}.jinja").render(values, one_line=_one_line, unit_of=unit_of)
 
 
 def _parameters(found: type) -> Iterator[tuple[str, str, str]]:
