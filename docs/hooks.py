@@ -29,6 +29,7 @@ ROOMS: Final = (  # whose `__all__` is what may be relied on
 SITE: Final = {  # page of the site by the file that it is made of, which pages link to: GitHub shows that one
     **{f"../pdrbench/{room}/__init__.py": f"api/{room}.md" for room in TOOLBOX},
     "../pdrbench/metrics/metrics.toml": "metrics.md",
+    "../pdrbench/metrics/scoring.py": "api/metrics.md",
     "../envs/README.md": "environments/index.md",
     "../envs/pdrbench_envs/wifi_fingerprints.py": "environments/WifiFingerprints-v1.md",
     "../baselines/pdrbench_baselines/learned/MODEL_CARD.md": "networks.md",

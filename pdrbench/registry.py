@@ -12,7 +12,8 @@ import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -195,16 +196,21 @@ class Table(Mapping[str, Thing]):
     (True, 'access_point')
     """
 
-    def __init__(self, group: str, kind: str, builtin: Mapping[str, Any]) -> None:
+    def __init__(
+        self, group: str, kind: str, builtin: Mapping[str, Any], check: Callable[[str, Any], None] | None = None
+    ) -> None:
         """Makes the table of an entry-point group.
 
         Args:
             group: Name of the group.
             kind: What the error message calls an entry, such as "sensor".
             builtin: Targets or records of this package, used without looking up entry points.
+            check: Raises `PluginError` where an entry of another package, by its name, is wrong. It is left out then,
+                with a warning; asking for it raises.
         """
         self.group = group
         self._kind = kind
+        self._check = check
         self._builtin = {name: PluginEntry(name, target, "pdrbench") for name, target in builtin.items()}
 
     def entries(self) -> Mapping[str, PluginEntry]:
@@ -214,23 +220,34 @@ class Table(Mapping[str, Thing]):
     def __getitem__(self, name: str) -> Thing:
         entry = self._builtin.get(name) or find_entry(self.group, self._kind, name)
         thing: Thing = entry.load()
+        if self._check is not None and name not in self._builtin:
+            self._check(name, thing)
         return thing
 
     def __contains__(self, name: object) -> bool:
-        return name in self._builtin or name in entries(self.group)
+        return name in self._builtin or (name in entries(self.group) and self._is_right(str(name)))
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.entries())
+        return (name for name in self.entries() if name in self._builtin or self._is_right(name))
 
     def __len__(self) -> int:
-        return len(self.entries())
+        return sum(1 for _ in self)
+
+    def _is_right(self, name: str) -> bool:
+        if self._check is not None:
+            try:
+                self[name]
+            except PluginError as error:
+                warnings.warn(f"left out: {error}", stacklevel=3)
+                return False
+        return True
 
     def broken(self) -> dict[str, str]:
         """Reason by name for everything of the kind that cannot be listed or loaded; loads all of it."""
         reasons = dict(broken(self.group))
-        for name, entry in self.entries().items():
+        for name in self.entries():
             try:
-                entry.load()
+                self[name]
             except PluginError as error:
                 reasons[name] = str(error)
         return reasons

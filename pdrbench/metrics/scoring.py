@@ -11,7 +11,7 @@ from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.hold import hold_at
 from pdrbench.metrics.odometry import resampling_times_s
-from pdrbench.metrics.table import METRICS
+from pdrbench.metrics.table import INPUTS, METRICS
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 
@@ -45,19 +45,13 @@ def score(
         names: Metrics that are wanted; None: all.
         mounting: Where the sensors were carried, as `Recording.mounting`.
     """
-    inputs = {
-        "held": hold_at(estimates, reference.t_s, fallback),
-        "answered": hold_at(estimates, estimates.t_s, fallback, slack_s=0.0),
-        "resampled": hold_at(estimates, resampling_times_s(reference), fallback),
-        "reference": reference,
-        "building": building,
-        "step_s": step_s,
-        "period_s": period_s,
-        "reset_s": reset_s,
-        "missing": missing,
-        "peak_mb": peak_mb,
-        "mounting": mounting,
-    }
+    given = (
+        hold_at(estimates, reference.t_s, fallback),
+        hold_at(estimates, estimates.t_s, fallback, slack_s=0.0),
+        hold_at(estimates, resampling_times_s(reference), fallback),
+        *(reference, building, step_s, period_s, reset_s, missing, peak_mb, mounting),
+    )
+    inputs = dict(zip(INPUTS, given, strict=True))
     scores = {}
     for name in METRICS if names is None else names:
         metric = METRICS[name]

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Literal
 
 import msgspec
 
-from pdrbench.registry import Table
+from pdrbench.registry import PluginError, Table
+
+INPUTS: Final = (  # what a metric can take, as `scoring.score` has it
+    *("held", "answered", "resampled", "reference", "building", "step_s", "period_s", "reset_s", "missing"),
+    *("peak_mb", "mounting"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,4 +66,30 @@ def _declared() -> Mapping[str, Metric]:
 _DECLARED: Final = _declared()
 POOLED: Final = MappingProxyType({name: metric for name, metric in _DECLARED.items() if metric.family == "pooled"})
 BUILTIN: Final = MappingProxyType({name: metric for name, metric in _DECLARED.items() if name not in POOLED})
-METRICS: Final[Table[Metric]] = Table("pdrbench.metrics", "metric", BUILTIN)
+
+
+def check_metric(name: str, metric: object) -> None:
+    """Raises `PluginError` where a metric of another package could not be computed or shown, and says why."""
+    if not isinstance(metric, Metric):
+        raise PluginError(f"metric {name!r} is {type(metric).__name__}, not a pdrbench.metrics.Metric")
+    try:
+        facts = {one.name: getattr(metric, one.name) for one in fields(Metric)}
+        msgspec.convert(facts | {"constants": dict(metric.constants)}, Metric)
+    except msgspec.ValidationError as error:
+        raise PluginError(f"metric {name!r}: {error}") from error
+    if metric.name != name or name in POOLED:
+        raise PluginError(f"metric {name!r} calls itself {metric.name!r}, or has the name of a pooled one")
+    for taken in metric.takes:
+        if taken not in INPUTS:
+            raise PluginError(f"metric {name!r} takes {taken!r}; a metric can take {', '.join(INPUTS)}")
+    try:
+        module, _, function = metric.target.partition(":")
+        inspect.signature(getattr(importlib.import_module(module), function)).bind(*metric.takes, **metric.constants)
+    except Exception as error:  # a plug-in may raise anything when it is imported
+        called = ", ".join((*metric.takes, *metric.constants))
+        raise PluginError(
+            f"metric {name!r}: {metric.target}({called}) cannot be called: {type(error).__name__}: {error}"
+        ) from error
+
+
+METRICS: Final[Table[Metric]] = Table("pdrbench.metrics", "metric", BUILTIN, check_metric)

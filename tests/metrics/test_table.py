@@ -6,13 +6,17 @@ import dataclasses
 import importlib
 import inspect
 import math
+import re
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled, score
 from pdrbench.metrics.statistics import SUMMARIES
+from pdrbench.metrics.table import check_metric as check_metric_of_others
+from pdrbench.registry import PluginError
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 # `make_walk` ends elsewhere, too early, is never lost, and turns by less than a radian
@@ -125,3 +129,23 @@ def test_a_strangers_metric_that_raises_leaves_the_walk_its_other_scores(monkeyp
     with pytest.warns(UserWarning, match=r"'within_door_m' has no value: math:hypot\(held\) raised TypeError"):
         scores = scoring.score(answers, still, None, Start(np.zeros(2), 0))
     assert scores["mean_m"] == pytest.approx(5.0) and np.isnan(scores["within_door_m"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"better": "smaller"}, "Invalid enum value 'smaller'"),
+        ({"name": "other_m"}, "calls itself 'other_m'"),
+        ({"target": "math:no_such"}, "no_such"),
+        ({"takes": ("held",)}, "missing a required argument: 'reference'"),
+        ({"constants": {"quantil": 0.5}}, "unexpected keyword argument 'quantil'"),
+        ({"takes": ("held", "truth")}, "takes 'truth'; a metric can take held, answered"),
+    ],
+)
+def test_a_strangers_metric_that_is_wrong_is_refused(changes: dict[str, Any], why: str) -> None:
+    good = dataclasses.replace(METRICS["p75_m"], name="mine_m")
+    check_metric_of_others("mine_m", good)
+    with pytest.raises(PluginError, match=re.escape(why)):
+        check_metric_of_others("mine_m", dataclasses.replace(good, **changes))
+    with pytest.raises(PluginError, match=re.escape("is int, not a pdrbench.metrics.Metric")):
+        check_metric_of_others("mine_m", 3)
