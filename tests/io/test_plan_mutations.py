@@ -67,7 +67,7 @@ def test_a_large_picture_is_thinned_and_its_walls_are_kept(tmp_path: Path) -> No
 
     path = picture(tmp_path)
     small = read_plan(path)
-    Image.open(path).resize((2400, 1200), Image.Resampling.NEAREST).save(path)
+    Image.open(path).resize((2400, 1200), Image.Resampling.NEAREST).convert("RGBA").save(path)
     path.with_suffix(".toml").write_text('[[level]]\nimage = "ground.png"\nmetres_per_pixel = 0.005\n')
     large = read_plan(path)
     assert "picture thinned" in str(large.repairs)

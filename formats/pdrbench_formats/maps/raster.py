@@ -34,7 +34,8 @@ from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.layers import UNITS, Unit, scale_of
 from pdrbench_formats.maps.plan import Plan, PlanAlignment
 
-MAX_PIXELS: Final = 64_000_000
+MAX_PIXELS: Final = 40_000_000
+BAND: Final = 64  # rows that are made grey at once: copies of all of a picture took 1.2 GB
 MAX_TRACED: Final = 1_000_000  # a larger picture is thinned: one of 1 kB and 15 million pixels took 21 s
 DARK: Final = 0.5  # of white: darker pixels are wall
 MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
@@ -45,7 +46,7 @@ MIN_ROOM_M2: Final = 4.0  # smaller ones all round which another room lies are t
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
 SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
-MIN_SIDE_M: Final = 1.0  # of a picture: less is no plan, and an entrance would be far wider than all of it
+MIN_SIDE_M: Final = 2.0  # of a picture: less is no plan, and an entrance would be wider than all of it
 MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
 NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
 NECK_RADII: Final = 32
@@ -127,11 +128,12 @@ def _grey(path: Path) -> ByteArray:
                 raise MapError(
                     f"{path}: {image.width} × {image.height} pixels; scale it down to {MAX_PIXELS // 10**6} million"
                 )
-            if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
-                rgba = image.convert("RGBA")
-                white = Image.new("RGBA", rgba.size, "white")
-                image = Image.alpha_composite(white, rgba)  # type: ignore[assignment]
-            grey: ByteArray = np.asarray(image.convert("L"))
+            grey: ByteArray = np.empty((image.height, image.width), np.uint8)
+            for top in range(0, image.height, BAND):
+                band: Any = image.crop((0, top, image.width, min(top + BAND, image.height)))
+                if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
+                    band = Image.alpha_composite(Image.new("RGBA", band.size, "white"), band.convert("RGBA"))
+                grey[top : top + BAND] = band.convert("L")
     except MapError:
         raise
     except Exception as error:  # of damaged files Pillow's readers raise whatever they stumble upon
@@ -153,8 +155,10 @@ def _thinned(pixels: Any, builder: BuildingBuilder, level: int, *, walls_are_bri
 
 def _far2(mask: BoolArray) -> IntArray:
     """(H, W) pixels, squared, from each true pixel to the nearest that is false."""
-    nearest = ndimage.distance_transform_edt(mask, return_distances=False, return_indices=True)
-    return np.asarray(((nearest - np.indices(mask.shape, np.int32)) ** 2).sum(axis=0))
+    off = ndimage.distance_transform_edt(mask, return_distances=False, return_indices=True)
+    off[0] -= np.arange(len(mask), dtype=np.int32)[:, None]
+    off[1] -= np.arange(mask.shape[1], dtype=np.int32)
+    return np.asarray(np.einsum("kij,kij->ij", off, off))  # without a copy of it
 
 
 def _in_metres(picture: Picture, bright: BoolArray, unit: Unit, builder: BuildingBuilder) -> Picture:
@@ -225,10 +229,8 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
 
     The disc is a point, or as wide as an open entrance where that leaves much more inside.
     """
-
     if bright.all():
         return None
-    skimage = _skimage()
     radius = max(1, round(CLOSE_M / metres_per_pixel / 2))
     walls = _far2(bright) <= radius**2  # closed by discs: grown, and shrunk again
     walls = walls if walls.all() else _far2(walls) > radius**2
@@ -237,7 +239,7 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
     found = []
     for wide_m in ENTRANCES_M:
         half = wide_m / metres_per_pixel / 2
-        labels = skimage.measure.label(clear2 > half**2, connectivity=1)
+        labels = ndimage.label(clear2 > half**2)[0]
         beside = labels != labels[0, 0]
         outside = _far2(beside) <= half**2 if half else ~beside
         found.append(~walls & ~outside[margin:-margin, margin:-margin])
