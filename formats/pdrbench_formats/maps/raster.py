@@ -48,6 +48,7 @@ SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
 MIN_SIDE_M: Final = 2.0  # of a picture: less is no plan, and an entrance would be wider than all of it
 MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
+MAX_PARTS: Final = 500  # of the floor of a level, and as many holes: noise has thousands, which took 20 s
 NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
 NECK_RADII: Final = 32
 MIN_DEPTH: Final = 1.5  # of a room, in widths of its door
@@ -259,7 +260,7 @@ def _add_free(
         return to_m(np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]])) + origin_m
 
     pixels = MIN_AREA_M2 / to_m.scale**2
-    free = _without_specks(free, pixels)
+    free = ~_without_specks(~_without_specks(free, pixels), MIN_HOLE_PIXELS + 1, np.ones((3, 3)))
     polygons = [polygon for polygon in trace(free) if polygon.area * to_m.scale**2 >= MIN_AREA_M2]
     if not polygons:
         raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
@@ -272,12 +273,13 @@ def _add_free(
         builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{number}", walled=False)
 
 
-def _without_specks(free: BoolArray, pixels: float) -> BoolArray:
-    """(H, W) without free parts of fewer pixels, and without dirt: neither would be kept, and noise has thousands."""
-    parts, _ = ndimage.label(free)
-    free = free & (np.bincount(parts.ravel()) >= pixels)[parts]
-    holes, _ = ndimage.label(~free, np.ones((3, 3)))
-    return np.asarray(free | (np.bincount(holes.ravel()) <= MIN_HOLE_PIXELS)[holes])
+def _without_specks(mask: BoolArray, pixels: float, beside: Any = None) -> BoolArray:
+    """(H, W) without the parts of fewer pixels, and without all but the largest: neither is meant."""
+    parts, _ = ndimage.label(mask, beside)
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0  # what is no part
+    sizes[np.argsort(-sizes, kind="stable")[MAX_PARTS:]] = 0
+    return np.asarray((sizes >= pixels)[parts])
 
 
 def trace(mask: BoolArray) -> list[Any]:
