@@ -75,6 +75,21 @@ def test_a_large_picture_is_thinned_and_its_walls_are_kept(tmp_path: Path) -> No
     assert areas[1] == pytest.approx(areas[0], rel=0.01)
 
 
+def test_of_the_specks_of_a_scan_the_largest_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("skimage")
+    from PIL import Image
+
+    monkeypatch.setattr("pdrbench_formats.maps.raster.MAX_PARTS", 2)  # what lies outside is one
+    path = picture(tmp_path)
+    clean_m2 = sum(polygon.area_m2 for polygon in read_plan(path).building.polygons)
+    image = Image.open(path)
+    for side, left in ((40, 60), (60, 160), (50, 350)):
+        image.paste(0, (left, 100, left + side, 100 + side))
+    image.save(path)
+    specked_m2 = sum(polygon.area_m2 for polygon in read_plan(path).building.polygons)
+    assert clean_m2 - specked_m2 == pytest.approx((60 * 0.02) ** 2, abs=0.1)
+
+
 def test_damage_that_a_fuzzer_found_in_pictures_is_the_documented_error(tmp_path: Path) -> None:
     pytest.importorskip("skimage")
     path = picture(tmp_path)
