@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+import yaml  # of mkdocs
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PAGES: Final = sorted((ROOT / "docs").glob("*.md"))
@@ -97,3 +98,13 @@ def test_pages_that_code_cites_exist() -> None:
     found = [(str(path.relative_to(ROOT)), name) for path, text in texts.items() for name in cited.findall(text)]
     assert len(found) > 5
     assert [(path, name) for path, name in found if not (ROOT / name).is_file()] == []
+
+
+def test_a_release_is_published_after_the_whole_ci_and_no_token_is_stored() -> None:
+    text, ci = (
+        (ROOT / ".github" / "workflows" / name).read_text(encoding="utf-8") for name in ("release.yml", "ci.yml")
+    )
+    jobs = yaml.safe_load(text)["jobs"]
+    assert jobs["ci"]["uses"] == "./.github/workflows/ci.yml" and "workflow_call" in yaml.safe_load(ci)[True]  # "on"
+    assert (jobs["build"]["needs"], jobs["publish"]["needs"], jobs["notes"]["needs"]) == ("ci", "build", "publish")
+    assert jobs["publish"]["permissions"] == {"id-token": "write"} and "secrets." not in text
