@@ -55,6 +55,17 @@ def with_settings_of(name: str, plain: str) -> str:
     return join_name(plain, split_name(name)[1])
 
 
+def with_settings(name: str, settings: Mapping[str, Any]) -> str:
+    """The name of a localizer with more settings, by field.
+
+    >>> with_settings("li2012?map=false", {"carry_s": 0.8})
+    'li2012?map=false&carry_s=0.8'
+    """
+    plain, query = split_name(name)
+    more = [f"{field}={_quoted(_text(value))}" for field, value in settings.items()]
+    return join_name(plain, "&".join([query, *more] if query else more))
+
+
 def sorted_query(query: str) -> str:
     """Settings in the order of their fields; raises `SettingsError` where one is not of the form `field=value`.
 

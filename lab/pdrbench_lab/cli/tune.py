@@ -18,11 +18,15 @@ from pdrbench.cli.options import (
     complete_env,
     complete_localizer,
     make_folder,
+    write_text,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
+from pdrbench.settings import with_settings
+
+SETTINGS = "tuned.toml"
 
 
 def tune(
@@ -33,7 +37,7 @@ def tune(
         str, typer.Option(metavar="ENV", autocompletion=complete_env, help="Environment, whose train split is played.")
     ],
     param: Annotated[
-        list[str], typer.Option(metavar="NAME=A,B,C", help="Values of a parameter to try; repeat for several.")
+        list[str], typer.Option(metavar="NAME=A,B,C", help="Values of a setting to try; repeat for several.")
     ],
     folds: Annotated[
         int, typer.Option(min=2, metavar="N", help="Parts of the train split, each of whole sessions or buildings.")
@@ -44,20 +48,25 @@ def tune(
     ] = None,
     seeds: Seeds = 1,
     jobs: Jobs = 1,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", file_okay=False, help="Walks that a later run reuses.")] = Path(
-        "pdrbench-tuned"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER", file_okay=False, help="Settings that were chosen, and walks that a later run reuses."
+        ),
+    ] = Path("pdrbench-tuned"),
     isolation: Isolation = "process",
     as_json: AsJson = False,
 ) -> None:
     """Choose parameters of a localizer on folds of the train split; the left-out figure is what to report."""
+    from pdrbench.evaluation.number_text import decimals
+
     with answer_only(as_json):
-        from pdrbench.evaluation.number_text import decimals
-        from pdrbench_lab.reproduce.tune import check_parameters, grid
+        from pdrbench_lab.reproduce.tune import grid
         from pdrbench_lab.reproduce.tune import tune as choose
 
         candidates = grid(dict(map(_values, param)), most)
-        check_parameters(check_localizer_exists(localizer, isolation), candidates[0], localizer)
+        for candidate in candidates:
+            check_localizer_exists(with_settings(localizer, candidate), isolation)
         found = choose(
             localizer,
             ready_environment(env, "train"),
@@ -81,6 +90,10 @@ def tune(
         for k in range(folds)
     ]
     num_scored = int((~np.isnan(found.left_out)).sum())
+    interval_text = "" if math.isnan(found.low) else f", 95 % interval {decimals(found.low)}–{decimals(found.high)}"
+    left_out_text = f"left out: {metric} {decimals(found.value)}{interval_text}, {num_scored} walks of {env}"
+    file = write_text(out / SETTINGS, _toml(localizer, candidates[found.final], left_out_text))
+    note(f"wrote {file}; play it with: pdrbench compare --env {env} --settings {file}")
     if as_json:
         interval = [None if math.isnan(end) else end for end in (found.low, found.high)]
         left_out = {"value": found.value, "low": interval[0], "high": interval[1], "walks": num_scored}
@@ -88,16 +101,30 @@ def tune(
         return
     cells = [[str(of["fold"]), str(of["walks"]), decimals(of[metric]), _text(of["parameters"])] for of in by_fold]
     print_table({"left-out fold": {}, "walks": {}, metric: {"justify": "right"}, "chosen without it": {}}, cells)
-    interval_text = "" if math.isnan(found.low) else f", 95 % interval {decimals(found.low)}–{decimals(found.high)}"
-    say(f"left out: {metric} {decimals(found.value)}{interval_text}, {num_scored} walks of {env}")
-    say(f"to use: {_text(candidates[found.final])}")
+    say(left_out_text)
+    say(f"to use: {with_settings(localizer, candidates[found.final])}")
+
+
+def _toml(localizer: str, settings: Any, comment: str) -> str:
+    """What `run` and `compare` take as `--settings`.
+
+    >>> print(_toml("li2012", {"map": False, "filter.max_particles": 500}, "left out: 2 m"), end="")
+    # left out: 2 m
+    localizer = "li2012"
+    <BLANKLINE>
+    [settings]
+    "map" = false
+    "filter.max_particles" = 500
+    """
+    lines = [f"# {comment}", f"localizer = {json.dumps(localizer)}", "", "[settings]"]
+    return "\n".join([*lines, *(f"{json.dumps(name)} = {json.dumps(value)}" for name, value in settings.items()), ""])
 
 
 def _values(text: str) -> tuple[str, list[Any]]:
     """Name and values of a parameter; what is not JSON is text.
 
-    >>> _values("sigma_m=0.5,1"), _values("params.map=none,true")
-    (('sigma_m', [0.5, 1]), ('params.map', ['none', True]))
+    >>> _values("sigma_m=0.5,1"), _values("map=none,true")
+    (('sigma_m', [0.5, 1]), ('map', ['none', True]))
     """
     name, equals, values = text.partition("=")
     if not equals or not all(part.isidentifier() for part in name.split(".")) or not values:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +18,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import mean_interval
 from pdrbench.registry import make_task
-from pdrbench.settings import default_params
+from pdrbench.settings import with_settings
 from pdrbench.task import Task
 
 SPLIT: Final = "train"
@@ -98,43 +97,16 @@ def by_fold(results: Results, count: int) -> list[dict[str, Any]]:
 
 
 def grid(parameters: Mapping[str, Sequence[Any]], most: int | None = None, seed: int = 0) -> tuple[Parameters, ...]:
-    """Every combination of the values of some parameters, or `most` random ones of them; dots reach into mappings.
+    """Every combination of the values of some settings, or `most` random ones of them.
 
     >>> grid({"a": [1, 2], "b.c": ["x"]})
-    ({'a': 1, 'b': {'c': 'x'}}, {'a': 2, 'b': {'c': 'x'}})
+    ({'a': 1, 'b.c': 'x'}, {'a': 2, 'b.c': 'x'})
     """
-    every = tuple(
-        _nested(dict(zip(parameters, values, strict=True))) for values in itertools.product(*parameters.values())
-    )
+    every = tuple(dict(zip(parameters, values, strict=True)) for values in itertools.product(*parameters.values()))
     if most is None or most >= len(every):
         return every
     rows = np.random.default_rng(seed).choice(len(every), most, replace=False)
     return tuple(every[row] for row in sorted(rows.tolist()))
-
-
-def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in flat.items():
-        *path, last = name.split(".")
-        place = found
-        for part in path:
-            place = place.setdefault(part, {})
-        place[last] = value
-    return found
-
-
-def check_parameters(make: type | None, candidate: Parameters, who: str) -> None:
-    """Raises `UnknownNameError` for a name that the class does not have; None is a class that is not loaded here."""
-    if make is None:
-        return
-    takes = inspect.signature(make).parameters
-    fields = getattr(default_params(make), "__dataclass_fields__", {})
-    if not any(argument.kind is argument.VAR_KEYWORD for argument in takes.values()):
-        for name in candidate.keys() - takes.keys():
-            raise unknown_name(f"parameter of {who}", name, [*takes, *(f"params.{field}" for field in fields)])
-    for name in candidate.get("params", {}) if fields else ():
-        if name not in fields:
-            raise unknown_name(f"parameter of {who}", name, fields)
 
 
 def tune(
@@ -155,7 +127,7 @@ def tune(
     Args:
         localizer: As for `evaluate`.
         env: Environment.
-        candidates: Keyword arguments of its class.
+        candidates: Settings by field, as they stand in its name.
         folds: How many; see `folds_of`.
         metric: Of `METRICS`, one whose row is a mean over walks.
         advance: Called with each candidate before it is played.
@@ -175,7 +147,7 @@ def tune(
     rows = []
     for candidate in candidates:
         advance(candidate)
-        played = evaluate(localizer, env, split=SPLIT, parameters=candidate, **options)
+        played = evaluate(with_settings(localizer, candidate), env, split=SPLIT, **options)
         frame = played.walks()
         rows.append(frame.groupby("walk")[metric].mean().reindex(walks).to_numpy(np.float64))
     values = np.array(rows).reshape(len(candidates), len(walks))

@@ -6,12 +6,17 @@ from typing import Any
 import pytest
 
 FILE = """
+from dataclasses import dataclass
 import numpy as np
 from pdrbench.localizer import Estimate
 
+@dataclass(frozen=True)
+class Params:
+    x_m: float = 0.0
+
 class Ahead:
-    def __init__(self, x_m=0.0):
-        self.x_m = x_m
+    def __init__(self, params=Params()):
+        self.x_m = params.x_m
     def reset(self, briefing, rng):
         pass
     def step(self, observation):
@@ -38,7 +43,11 @@ def test_the_left_out_figure_and_the_parameters_to_use(command: Any, spec: str, 
         walks
     )
     shown = command("tune", spec, *ENV, *options)
-    assert "to use: x_m=0" in shown.out and "left out: mean_m" in shown.out
+    assert f"to use: {spec}?x_m=0" in shown.out and "left out: mean_m" in shown.out
+    options = ("--settings", tmp_path / "tuned" / "tuned.toml", "--split", "train", "--walks", 1, "--json")
+    (row,) = command("run", spec, *ENV[1:], *options).json["rows"]
+    assert row["localizer"] == f"{spec}?x_m=0"
+    assert "its settings are of" in command("run", "stay", *ENV[1:], *options).err
 
 
 def test_what_is_no_setting_is_one_line(command: Any) -> None:
@@ -46,6 +55,6 @@ def test_what_is_no_setting_is_one_line(command: Any) -> None:
     assert outcome.code == 1 and "--param is NAME=VALUE" in outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
     outcome = command("tune", "learned", *ENV, "--param", "parms=1")
-    assert outcome.code == 1 and "no parameter of learned named 'parms'; did you mean 'params'?" in outcome.err
+    assert outcome.code == 1 and "learned has no setting 'parms'" in outcome.err
     outcome = command("tune", "woodman2008", *ENV, "--param", "most_sigma=1")
-    assert outcome.code == 1 and "did you mean 'params.most_sigma_m'?" in outcome.err
+    assert outcome.code == 1 and "did you mean 'most_sigma_m'?" in outcome.err

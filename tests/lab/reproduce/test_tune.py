@@ -56,9 +56,9 @@ def test_a_candidate_that_fails_everywhere_is_never_chosen(monkeypatch: pytest.M
         tune("x", ENV, grid({"which": ["c"]}), folds=2, metric="n")
 
 
-def answered(localizer: str, env: str, *, split: str, parameters: Any) -> Any:
+def answered(localizer: str, env: str, *, split: str) -> Any:
     assert (env, split) == (ENV, "train")
-    errors_m = ERRORS_M.get(parameters["which"], [np.nan] * 7)
+    errors_m = ERRORS_M.get(localizer.removeprefix("x?which="), [np.nan] * 7)
     units = [TASK.units[walk] for walk in WALKS]
     frame = pd.DataFrame({"walk": WALKS, "unit": units, "mean_m": np.array(errors_m, dtype=float), "n": 1.0})
     return SimpleNamespace(walks=lambda: frame.sample(frac=1, random_state=1), results=())
