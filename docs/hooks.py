@@ -31,6 +31,9 @@ SITE: Final = {  # page of the site by the file that it is made of, which pages 
     "../pdrbench/metrics/metrics.toml": "metrics.md",
     "../pdrbench/metrics/scoring.py": "api/metrics.md",
     "../envs/README.md": "environments/index.md",
+    "../lab/README.md": "reproduce.md",
+    "../lab/pdrbench_lab/outsiders/README.md": "choose.md",
+    "../leaderboards/stride/README.md": "choose.md",
     "../envs/pdrbench_envs/wifi_fingerprints.py": "environments/WifiFingerprints-v1.md",
     "../baselines/pdrbench_baselines/learned/MODEL_CARD.md": "networks.md",
 }

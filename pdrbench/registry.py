@@ -205,8 +205,7 @@ class Table(Mapping[str, Thing]):
             group: Name of the group.
             kind: What the error message calls an entry, such as "sensor".
             builtin: Targets or records of this package, used without looking up entry points.
-            check: Raises `PluginError` where an entry of another package, by its name, is wrong. It is left out then,
-                with a warning; asking for it raises.
+            check: Raises `PluginError` where an entry of another package is wrong; it is left out, with a warning.
         """
         self.group = group
         self._kind = kind
@@ -225,22 +224,20 @@ class Table(Mapping[str, Thing]):
         return thing
 
     def __contains__(self, name: object) -> bool:
-        return name in self._builtin or (name in entries(self.group) and self._is_right(str(name)))
+        return name in self._builtin or (name in entries(self.group) and name in set(self))
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self.entries() if name in self._builtin or self._is_right(name))
+        for name in self.entries():
+            try:
+                if self._check is not None and name not in self._builtin:
+                    self[name]
+            except PluginError as error:
+                warnings.warn(f"left out: {error}", stacklevel=2)
+            else:
+                yield name
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    def _is_right(self, name: str) -> bool:
-        if self._check is not None:
-            try:
-                self[name]
-            except PluginError as error:
-                warnings.warn(f"left out: {error}", stacklevel=3)
-                return False
-        return True
 
     def broken(self) -> dict[str, str]:
         """Reason by name for everything of the kind that cannot be listed or loaded; loads all of it."""

@@ -15,12 +15,15 @@ COMMANDS: Final = {
     "live": "pdrbench_formats.commands.live:live",
 }
 
-# What the core asks for by name: it reads no format itself.
+# What the core asks for by name: it reads no format itself, and results draw nothing.
 EXCHANGES: Final = {
     "task_file": "pdrbench_formats.taskfile.load:task_of_file",
     "pack": "pdrbench_formats.taskfile.pack:pack",
     "fetch_pack": "pdrbench_formats.taskfile.pack:fetch_pack",
     "derived": "pdrbench_formats.derive:derived_streams",
+    "plot_cdf": "pdrbench_formats.pages.results:plot_cdf",
+    "plot_walk": "pdrbench_formats.pages.results:plot_walk",
+    "methods": "pdrbench_formats.pages.results:methods_text",
 }
 
 # Apps whose tables differ by their names only: each TOML file there is one.

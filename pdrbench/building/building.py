@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pdrbench.building.polygons import FloorPolygon, Zone, shapely_polygons, triangulated
+from pdrbench.building.polygons import WALL, FloorPolygon, Zone, shapely_polygons, triangulated
 from pdrbench.building.region import FloorRegion
 from pdrbench.building.validation import check_building, check_pieces
 from pdrbench.errors import MapError
@@ -78,6 +78,24 @@ class Building:
 
     def __repr__(self) -> str:
         return f"Building({self.name!r}, {len(self.polygons)} polygons, levels {self.levels}, {self.area_m2:.0f} m²)"
+
+    def _repr_svg_(self) -> str:
+        """A small plan, at the end of a cell of a notebook: levels side by side, floors light, walls dark."""
+        import shapely
+
+        x0, y0, x1, y1 = self.bounds_m()
+        wide, high = 1.05 * (x1 - x0), 1.05 * (y1 - y0)
+        parts: list[str] = []
+        is_wall = self.edge_neighbour == WALL
+        walls_m = np.stack([self.edge_start_xy_m, self.edge_end_xy_m], axis=1)[is_wall]
+        for place, level in enumerate(self.levels):
+            walls = shapely.multilinestrings(walls_m[self.level(self.edge_polygon[is_wall]) == level])
+            parts.append(
+                f'<g transform="translate({place * wide - x0:.2f} {y1:.2f}) scale(1 -1)"><title>level {level}</title>'
+                f"{self.walkable(level).svg(0.05, '#f0ebdf')}{walls.svg(0.1, '#3a3a3a')}</g>"
+            )
+        size = f'width="{320 * len(parts)}" viewBox="0 0 {wide * len(parts):.2f} {high:.2f}"'
+        return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{"".join(parts)}</svg>'
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Building, (self.name, self.polygons, self.zones)

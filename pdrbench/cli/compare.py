@@ -19,17 +19,22 @@ from pdrbench.cli.options import (
     Seeds,
     Split,
     Strict,
+    Tuned,
     Walks,
     columns_of,
     complete_env,
+    complete_localizer,
     exit_on,
     isolation_of,
     make_folder,
     nonce_of,
+    tuned_name,
     write_text,
 )
-from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.cli.ready import available_environments, ready_environment, suited_localizers
+from pdrbench.errors import UnsuitableError
+from pdrbench.settings import split_name
 
 RESULTS_FOLDER: Final = "results"  # walks as they were answered, below the folder of the report
 
@@ -45,6 +50,11 @@ def compare(
         ),
     ] = None,
     localizer: LocalizerList = None,
+    against: Annotated[
+        str | None,
+        typer.Option(metavar="LOCALIZER", autocompletion=complete_localizer, help="Compare each other with this one."),
+    ] = None,
+    settings: Tuned = None,
     split: Split = None,
     seeds: Seeds = 1,
     walks: Walks = None,
@@ -60,6 +70,7 @@ def compare(
     every: Annotated[
         bool, typer.Option("--all", help="Name every localizer that is left out, and why, in place of their number.")
     ] = False,
+    methods: Annotated[bool, typer.Option("--methods", help="A paragraph on methods for a paper, and BibTeX.")] = False,
     columns: Columns = "",
     all_columns: AllColumns = False,
     strict: Strict = False,
@@ -77,6 +88,7 @@ def compare(
     """
     from pdrbench.cli.scoreboard import failures, print_scores
     from pdrbench.evaluation.wording import score_tables, stacked
+    from pdrbench.registry import canonical_localizer
 
     with answer_only(as_json):
         nonce, shown = nonce_of(nonce), columns_of(columns, shows_all=all_columns)
@@ -89,7 +101,14 @@ def compare(
         for wanted in filter(None, (latex, html)):
             write_text(wanted, "")  # so that a place that cannot be written is reported before the walks
         kind = isolation_of(isolation, confined=confined)
+        if settings is not None:
+            tuned = tuned_name(settings)
+            localizer = [*(localizer or [split_name(tuned)[0]]), tuned]
+        if against and localizer:
+            localizer = [*localizer, against]
         localizers = suited_localizers(localizer, envs, split, kind, shows_all=every)
+        if against and canonical_localizer(against) not in {name for of in localizers.values() for name in of}:
+            raise UnsuitableError(f"{against} is not played here: name it with --localizer, beside those to compare")
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
         from pdrbench.report import comparison_page, write_report
@@ -107,6 +126,7 @@ def compare(
                 nonce=nonce,
                 progress=True,
             )
+        results = results.against(against) if against else results
         note("scoring")
         rows = results.rows()
         notes = results.notes(shown)
@@ -117,10 +137,13 @@ def compare(
             files.append(write_text(html, comparison_page(score_tables(rows, stacked, shown), notes, pictures)))
         if latex is not None:
             files.append(write_text(latex, results.to_latex(shown)))
+        text = results.methods(shown) if methods else ""
     if as_json:
-        print_json({"rows": rows})
+        print_json({"rows": rows, **({"methods": text} if methods else {})})
     else:
         print_scores(rows, shown)
+        for line in text.splitlines():
+            say(line)
     for line in notes:
         note(line)
     if nonce:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,6 +13,7 @@ import typer
 from pdrbench.cli.output import note
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.registry import environments, localizers
+from pdrbench.settings import with_settings
 
 IsolationKind = Literal["process", "none"]
 
@@ -40,6 +42,7 @@ LocalizerList = Annotated[
         show_default="all registered that suit",
     ),
 ]
+Tuned = Annotated[Path | None, typer.Option("--settings", metavar="FILE", help="Settings that `pdrbench tune` wrote.")]
 Split = Annotated[
     str | None,
     typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test"),
@@ -114,6 +117,17 @@ def isolation_of(isolation: IsolationKind, *, confined: bool) -> Literal["proces
     if confined and isolation == "none":
         raise PdrbenchError("--confined is of a process of its own, and --isolation none of this one: leave one out")
     return "confined" if confined else isolation
+
+
+def tuned_name(path: Path, localizer: str | None = None) -> str:
+    """The localizer of a file that `tune` wrote, with the settings there; `localizer` is the one it has to be."""
+    try:
+        found = tomllib.loads(path.read_text(encoding="utf-8"))
+        if localizer not in (None, found["localizer"]):
+            raise ValueError(f"its settings are of {found['localizer']}, not of {localizer}")
+        return with_settings(found["localizer"], found["settings"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise PdrbenchError(f"cannot read {path} as `pdrbench tune` writes it: {error!r}") from error
 
 
 def columns_of(names: str, *, shows_all: bool) -> tuple[str, ...] | None:

@@ -17,6 +17,7 @@ from pdrbench.cli.options import (
     Seeds,
     Split,
     Strict,
+    Tuned,
     Walks,
     complete_env,
     complete_localizer,
@@ -24,6 +25,7 @@ from pdrbench.cli.options import (
     isolation_of,
     make_folder,
     nonce_of,
+    tuned_name,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
@@ -36,6 +38,7 @@ def run(
         str, typer.Argument(metavar="LOCALIZER", autocompletion=complete_localizer, help=LOCALIZER_HELP)
     ],
     env: Annotated[str, typer.Argument(metavar="ENV", autocompletion=complete_env, help="Registered environment.")],
+    settings: Tuned = None,
     split: Split = None,
     seeds: Seeds = 1,
     walks: Walks = None,
@@ -59,6 +62,7 @@ def run(
 
     with answer_only(as_json):
         nonce, kind = nonce_of(nonce), isolation_of(isolation, confined=confined)
+        localizer = tuned_name(settings, localizer) if settings else localizer
         check_localizer_exists(localizer, kind)
         env = ready_environment(env, split)
         if out is not None:

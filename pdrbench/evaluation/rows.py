@@ -89,8 +89,10 @@ def ranking_of(played: Played) -> Ranking | None:
     return rank(values, units={env: played.units}, noise_m={env: noise_m}, rng=rng)
 
 
-def rows_of(pairs: Sequence[tuple[Result, Scored]], rankings: Mapping[Place, Ranking]) -> list[dict[str, Any]]:
-    """One row for each environment, split, localizer and division, with its rank; times may be infinite."""
+def rows_of(
+    pairs: Sequence[tuple[Result, Scored]], rankings: Mapping[Place, Ranking], against: str | None = None
+) -> list[dict[str, Any]]:
+    """One row for each environment, split, localizer and division, with its rank, and against another."""
     groups: dict[tuple[Place, str], list[tuple[Result, Scored]]] = {}
     for result, scored in pairs:
         place = result.env, result.split, result.division
@@ -105,7 +107,11 @@ def rows_of(pairs: Sequence[tuple[Result, Scored]], rankings: Mapping[Place, Ran
                 "ratio_to_best": _number(of.ratio, "", of.ratio_low, of.ratio_high, of.walks),
                 "p_holm": _number(of.p_holm, "", math.nan, math.nan, of.walks if math.isfinite(of.p_holm) else 0),
             }
-    return list(rows.values())
+        for name, (ratio, low, high, p) in ranking.against(against or "").items():
+            metrics = rows[place, name]["metrics"]
+            metrics["ratio_against"] = _number(ratio, "", low, high, metrics["ratio_to_best"]["n"])
+            metrics["p_against"] = _number(p, "", math.nan, math.nan, metrics["ratio_to_best"]["n"])
+    return [row | ({"against": against} if against else {}) for row in rows.values()]
 
 
 def _row(group: Sequence[tuple[Result, Scored]], task: Task) -> dict[str, Any]:

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
+import copy
 import functools
+import html
 import json
 import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pdrbench.errors import ResultError, plain_cell
+from pdrbench.errors import ResultError, plain_cell, plain_text, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.rows import finite, ranking_of, rows_of, side_by_side
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.evaluation.wording import brief, footnotes, in_a_line, score_tables
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.ranking import Ranking
-from pdrbench.registry import make_task
+from pdrbench.registry import EXCHANGES_GROUP, canonical_localizer, find_entry, make_task
 from pdrbench.result import Result, by_division
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 LATEX_HEADS: Final = {"ratio_to_best": "ratio", "p75_geometric_m": "p75 (m)", "mean_m": "mean (m)"}
 IDENTITY: Final = ("env", "localizer", "division", "split", "walk", "seed")
@@ -46,15 +49,32 @@ class Results:
         jobs: Processes that compute the scores.
         secret: Behind the walks, where they are held out.
         kept: Folder where scores are kept, as `score_all` takes it.
+        compared_with: Localizer that every other is compared with, see `against`.
     """
 
     results: tuple[Result, ...]
     jobs: int = 1
     secret: str | None = field(default=None, repr=False)
     kept: Path | None = None
+    compared_with: str | None = None
 
     def __len__(self) -> int:
         return len(self.results)
+
+    def __iter__(self) -> Iterator[Result]:
+        return iter(self.results)
+
+    def _repr_html_(self) -> str:
+        """The tables, at the end of a cell of a notebook."""
+        import pandas as pd
+
+        found = score_tables(self._rows, in_a_line)
+        tables = [(title, pd.DataFrame(lines, columns=header)) for title, header, lines in found]
+        with pd.option_context("display.max_colwidth", None):
+            parts = [
+                f"<h4>{html.escape(plain_text(title))}</h4>{table.to_html(index=False)}" for title, table in tables
+            ]
+        return "".join([*parts, *(f"<p>{html.escape(plain_text(note))}</p>" for note in self.notes())])
 
     def __repr__(self) -> str:
         counts = Counter(result.status for result in self.results)
@@ -107,9 +127,9 @@ class Results:
 
     @functools.cached_property
     def _rows(self) -> list[dict[str, Any]]:
-        return rows_of(list(zip(self.results, self.scored, strict=True)), self.rankings)
+        return rows_of(list(zip(self.results, self.scored, strict=True)), self.rankings, self.compared_with)
 
-    def frame(self) -> pd.DataFrame:
+    def to_frame(self) -> pd.DataFrame:
         """The summary, a line for each environment, split, localizer, division and metric; infinite: never happened."""
         import pandas as pd
 
@@ -131,6 +151,19 @@ class Results:
         found = side_by_side(list(zip(self.results, self.scored, strict=True)))
         rankings = {place: ranking_of(played) for place, played in found.items()}
         return {place: ranking for place, ranking in rankings.items() if ranking is not None}
+
+    def against(self, localizer: str) -> Results:
+        """The same results, with `ratio_against` and `p_against` in rows and tables: each localizer against this one.
+
+        P-values are corrected for these comparisons alone, within environment, split and division.
+        """
+        name = canonical_localizer(localizer)
+        if name not in (known := dict.fromkeys(result.localizer for result in self.results)):
+            raise unknown_name("localizer in these results", name, known)
+        found = copy.copy(self)
+        object.__setattr__(found, "compared_with", name)
+        found.__dict__.pop("_rows", None)
+        return found
 
     def table(self, columns: Sequence[str] | None = None) -> str:
         """Plain text: one line for each localizer and division, and what to know when reading it.
@@ -166,17 +199,17 @@ class Results:
                 f"% {title}",
                 rf"\begin{{tabular}}{{l{'r' * (len(header) - 1)}}}",
                 r"\toprule",
-                " & ".join(_latex(LATEX_HEADS.get(name, name)) for name in header) + r" \\",
+                " & ".join(latex_text(LATEX_HEADS.get(name, name)) for name in header) + r" \\",
                 r"\midrule",
-                *(" & ".join(_latex(cell) for cell in line) + r" \\" for line in lines),
+                *(" & ".join(latex_text(cell) for cell in line) + r" \\" for line in lines),
                 r"\bottomrule",
                 r"\end{tabular}",
             ]
         return "\n".join([*text, *(f"% {note}" for note in self.notes(columns)), ""])
 
     def to_csv(self, path: Path | str | None = None) -> str:
-        """`frame` as CSV; also written to `path` where one is given."""
-        frame = self.frame()
+        """`to_frame` as CSV; also written to `path` where one is given."""
+        frame = self.to_frame()
         texts = {
             str(name): frame[name].map(plain_cell) for name in frame if isinstance(frame[name].iloc[:1].max(), str)
         }
@@ -185,6 +218,23 @@ class Results:
     def to_json(self, path: Path | str | None = None) -> str:
         """`{"rows": rows()}` as JSON; also written to `path` where one is given."""
         return _written(json.dumps({"rows": self.rows()}, indent=2, allow_nan=False) + "\n", path)
+
+    def plot_cdf(self) -> Figure:
+        """The distribution of the errors of each localizer, a panel for each environment; `savefig` writes it."""
+        figure: Figure = self._export("plot_cdf")
+        return figure
+
+    def plot_walk(self, index: int = 0) -> Figure:
+        """One walk on its plan with every localizer, of several seeds the first; walks count from 0 as they came."""
+        figure: Figure = self._export("plot_walk", index)
+        return figure
+
+    def methods(self, columns: Sequence[str] | None = None) -> str:
+        """A paragraph on methods in LaTeX, of what was run, and BibTeX of what it cites; `columns` as in `table`."""
+        return str(self._export("methods", columns))
+
+    def _export(self, name: str, *arguments: object) -> Any:
+        return find_entry(EXCHANGES_GROUP, "exchange", name).load()(self, *arguments)
 
     def notes(self, columns: Sequence[str] | None = None) -> list[str]:
         """What to know when reading the tables, a line each."""
@@ -233,7 +283,8 @@ def _variant(result: Result) -> str:
     return json.dumps({name: result.provenance.get(name) for name in VARIANT}, sort_keys=True)
 
 
-def _latex(text: str) -> str:
+def latex_text(text: str) -> str:
+    """Text as LaTeX shows it."""
     return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("–", "--")
 
 

@@ -15,7 +15,8 @@ from pdrbench.metrics.ranking import NUM_ENTRIES, POWER
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result, shown_name
 
-COLUMNS: Final = ("rank", "ratio_to_best", RANKING, "mean_m", "lost")  # of a table where no others are asked for
+RATIOS: Final = ("ratio_to_best", "ratio_against")
+COLUMNS: Final = ("rank", *RATIOS, "p_against", RANKING, "mean_m", "lost")  # of a table where no others are asked for
 MORE_COLUMNS: Final = (
     *("p_holm", "pooled_p75_level_penalised_m", "p95_m", "level_hit_rate", "outside_pct", "first_within_5m_s"),
     *("coverage_95", "energy_score_m", "claimed_correct", "availability", "realtime_factor"),
@@ -75,7 +76,7 @@ def score_tables(
 def _is_shown(name: str, rows: Sequence[Row], *, is_asked: bool) -> bool:
     """Whether a column says anything: a rank among several, a metric that applies, a time where a place is sought."""
     if name in ("rank", "ratio_to_best", "p_holm"):
-        return len(rows) > 1
+        return len(rows) > 1 and (is_asked or name != "ratio_to_best" or not rows[0].get("against"))
     if name == "first_within_5m_s" and rows[0].get("start", KNOWN_START) == KNOWN_START:
         return False
     return any(row["metrics"].get(name, {}).get("n", 0) for row in rows) or (is_asked and name not in ALL_COLUMNS)
@@ -141,7 +142,7 @@ def brief(name: str, score: Mapping[str, Any] | None) -> str:
     >>> brief("mean_m", {"value": 4.3149, "low": 3.9, "high": 4.8, "n": 5})
     '4.31'
     """
-    return in_a_line(name, score) if name == "ratio_to_best" else stacked(name, score).partition("\n")[0]
+    return in_a_line(name, score) if name in RATIOS else stacked(name, score).partition("\n")[0]
 
 
 def _text(name: str, value: float | None) -> str:
@@ -157,6 +158,12 @@ def footnotes(rows: Sequence[Row], results: Sequence[Result], columns: Sequence[
     """What to know when reading tables: how values are made, what they can tell, and which walks are not complete."""
     played = [row for row in rows if row["metrics"]]
     lines = [powers for powers in dict.fromkeys(map(_power, played)) if powers]
+    lines += dict.fromkeys(
+        f"ratio_against: error over that of {row['against']} on the same walks, below 1 where smaller; p_against: "
+        f"after Holm over these comparisons, in each environment and division"
+        for row in played
+        if row.get("against")
+    )
     if any(row["walks"] != row["of"] for row in played):
         lines.append("(n of N): missing walks are ranked with the worst answer there, and leave the other columns")
     medians = [name for name in columns or COLUMNS if name in METRICS and METRICS[name].over_walks == "median"]

@@ -76,12 +76,14 @@ class Pairs:
         error: (N, N) its standard error, NaN where an environment has fewer than `MIN_UNITS` walks.
         degrees: (N, N) degrees of freedom of that.
         p_holm: (N, N) adjusted p-value of the paired test; 1 on the diagonal.
+        p: (N, N) the same before any adjustment.
     """
 
     log_ratio: FloatArray
     error: FloatArray
     degrees: FloatArray
     p_holm: FloatArray
+    p: FloatArray
 
     @property
     def is_apart(self) -> BoolArray:
@@ -130,6 +132,16 @@ class Ranking:
         error, degrees = np.diagonal(self.pairs.error, 1), np.diagonal(self.pairs.degrees, 1)
         differ = error > 0
         return (float(np.median(error[differ])), float(np.median(degrees[differ]))) if differ.any() else (math.nan,) * 2
+
+    def against(self, name: str) -> dict[str, tuple[float, float, float, float]]:
+        """Ratio of each other localizer to one, both ends of its interval, p-value adjusted over these comparisons."""
+        names = [of.name for of in self.standings]
+        if name not in names:
+            return {}
+        column = names.index(name)
+        others = [row for row in range(len(names)) if row != column]
+        adjusted = holm(self.pairs.p[others, column]).tolist()
+        return {names[row]: (*self.pairs.ratio(row, column), p) for row, p in zip(others, adjusted, strict=True)}
 
     def smallest_ratio(self, num_entries: int = NUM_ENTRIES) -> float:
         """Smallest ratio between neighbours that these walks can tell; NaN without neighbours that differ."""
@@ -264,7 +276,7 @@ def _pairs(parts: Sequence[_Part], rng: np.random.Generator, draws: int) -> Pair
     error, degrees = _errors([part.log_m[first] - part.log_m[second] for part in parts], parts)
     weights = _weights(parts)
     sums = np.concatenate([weight * _unit_means(part) for weight, part in zip(weights, parts, strict=True)])
-    p_holm = holm(sign_flip_p(sums, rng=rng, draws=draws)) if draws else np.ones(len(first))
+    p = sign_flip_p(sums, rng=rng, draws=draws) if draws else np.ones(len(first))
     score = _score(parts)
 
     def square(of_pairs: FloatArray, diagonal: float) -> FloatArray:
@@ -272,7 +284,8 @@ def _pairs(parts: Sequence[_Part], rng: np.random.Generator, draws: int) -> Pair
         matrix[first, second] = matrix[second, first] = of_pairs
         return matrix
 
-    return Pairs(score[:, None] - score, square(error, 0.0), square(degrees, math.inf), square(p_holm, 1.0))
+    tests = square(holm(p), 1.0), square(p, 1.0)
+    return Pairs(score[:, None] - score, square(error, 0.0), square(degrees, math.inf), *tests)
 
 
 def _unit_means(part: _Part) -> FloatArray:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -68,28 +68,21 @@ POOLED: Final = MappingProxyType({name: metric for name, metric in _DECLARED.ite
 BUILTIN: Final = MappingProxyType({name: metric for name, metric in _DECLARED.items() if name not in POOLED})
 
 
-def check_metric(name: str, metric: object) -> None:
+def check_metric(name: str, metric: Any) -> None:
     """Raises `PluginError` where a metric of another package could not be computed or shown, and says why."""
-    if not isinstance(metric, Metric):
-        raise PluginError(f"metric {name!r} is {type(metric).__name__}, not a pdrbench.metrics.Metric")
     try:
+        if not isinstance(metric, Metric):
+            raise TypeError(f"it is {type(metric).__name__}, not a pdrbench.metrics.Metric")
         facts = {one.name: getattr(metric, one.name) for one in fields(Metric)}
         msgspec.convert(facts | {"constants": dict(metric.constants)}, Metric)
-    except msgspec.ValidationError as error:
-        raise PluginError(f"metric {name!r}: {error}") from error
-    if metric.name != name or name in POOLED:
-        raise PluginError(f"metric {name!r} calls itself {metric.name!r}, or has the name of a pooled one")
-    for taken in metric.takes:
-        if taken not in INPUTS:
-            raise PluginError(f"metric {name!r} takes {taken!r}; a metric can take {', '.join(INPUTS)}")
-    try:
+        if metric.name != name or name in POOLED:
+            raise ValueError(f"it calls itself {metric.name!r}, or as a pooled one")
+        if unknown := [taken for taken in metric.takes if taken not in INPUTS]:
+            raise ValueError(f"it takes {unknown[0]!r}; a metric can take {', '.join(INPUTS)}")
         module, _, function = metric.target.partition(":")
         inspect.signature(getattr(importlib.import_module(module), function)).bind(*metric.takes, **metric.constants)
     except Exception as error:  # a plug-in may raise anything when it is imported
-        called = ", ".join((*metric.takes, *metric.constants))
-        raise PluginError(
-            f"metric {name!r}: {metric.target}({called}) cannot be called: {type(error).__name__}: {error}"
-        ) from error
+        raise PluginError(f"metric {name!r} cannot be used: {type(error).__name__}: {error}") from error
 
 
 METRICS: Final[Table[Metric]] = Table("pdrbench.metrics", "metric", BUILTIN, check_metric)

@@ -121,11 +121,11 @@ def write_report(
         before = json.loads(stamp.read_bytes())
         if before["origin"] == origin and before["files"] == _sha256(folder, before["files"]):
             return [folder / name for name in before["files"]]
-    named = _as_shown(results.results, options.labels)
+    named = as_shown(results.results, options.labels)
     styles = styles_of(result.localizer for result in named if result.status != UNSUITABLE)
     written = _write_tables(results, folder, columns)
     captions: dict[str, str] = {}
-    for part in _parts(named, results.scored):
+    for part in split_parts(named, results.scored):
         for name, figure in _figures(part, styles, options):
             captions[name] = "; ".join(figure.get_suptitle().split("\n"))
             written += _save(figure, folder / _plain(name), options, is_plan="-walk-" in name)
@@ -146,7 +146,7 @@ def _origin(results: Results, options: FigureOptions, columns: Sequence[str] | N
     """Digest of everything that a report follows from."""
     walks = {(result.task, result.walk) for result in results.results}
     code = {env: code_sha256(env) for env, _ in walks}
-    facts: list[object] = [matplotlib.__version__, dataclasses.asdict(options), columns]
+    facts: list[object] = [matplotlib.__version__, dataclasses.asdict(options), columns, results.compared_with]
     facts += [(code[env], sorted(make_task(env).walk_identity(walk).items())) for env, walk in sorted(walks)]
     facts += [(r.localizer, r.seed, r.walk, r.division, answers_sha256(r)) for r in results.results]
     return hashlib.sha256(repr(facts).encode()).hexdigest()
@@ -168,7 +168,7 @@ def _write_tables(results: Results, folder: Path, columns: Sequence[str] | None)
     return [folder / name for name in tables]
 
 
-def _as_shown(results: Sequence[Result], labels: Mapping[str, str]) -> list[Result]:
+def as_shown(results: Sequence[Result], labels: Mapping[str, str]) -> list[Result]:
     """The same results under their labels, with a mark at those that count offline."""
     known = dict.fromkeys(result.localizer for result in results)
     for name in labels:
@@ -180,7 +180,7 @@ def _as_shown(results: Sequence[Result], labels: Mapping[str, str]) -> list[Resu
     return [dataclasses.replace(r, localizer=shown_name(names[r.localizer], r.division)) for r in results]
 
 
-def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[SplitResults]:
+def split_parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[SplitResults]:
     """Results by environment and split, in the order in which they came."""
     groups: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
     for pair in zip(results, scores, strict=True):

@@ -43,7 +43,12 @@ def levels_to_show(recording: Recording, results: Mapping[str, Result], bounds_m
 
 
 def draw_walk(
-    recording: Recording, results: Mapping[str, Result], styles: Styles, title: str, start: Start | None = None
+    recording: Recording,
+    results: Mapping[str, Result],
+    styles: Styles,
+    title: str,
+    start: Start | None = None,
+    kind: type[Figure] = Figure,
 ) -> Figure:
     """The trajectories of one walk: its reference and one result per localizer, in the order of the legend.
 
@@ -53,6 +58,7 @@ def draw_walk(
         styles: By localizer.
         title: Above the panels.
         start: Where a cross marks the start; None for no cross.
+        kind: Of the figure.
     """
     bounds_m = bounds_to_show(recording, results)
     levels = levels_to_show(recording, results, bounds_m)
@@ -60,7 +66,7 @@ def draw_walk(
     columns, panel_in = (1, 2 * PANEL_IN) if ratio < WIDE else (min(MAX_COLUMNS, len(levels)), PANEL_IN)
     rows = -(-len(levels) // columns)
     height_in = (panel_in - LABELS_IN) * min(max(ratio, 0.15), 1.25) + LABELS_IN
-    figure = Figure(figsize=(panel_in * columns, height_in * rows + LEGEND_IN), layout="constrained")
+    figure = kind(figsize=(panel_in * columns, height_in * rows + LEGEND_IN), layout="constrained")
     for panel, level in enumerate(levels):
         ax = figure.add_subplot(rows, columns, panel + 1)
         ax.set_title(f"level {level}", fontsize=9)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -167,3 +168,11 @@ def test_triangles_cover_every_polygon_exactly(house: Building) -> None:
     (bx, by), (cx, cy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     area = np.bincount(owner, np.abs(bx * cy - by * cx) / 2)
     assert area == pytest.approx([p.area_m2 for p in house.polygons])
+
+
+def test_a_building_shows_its_levels_in_a_notebook(office: Building) -> None:
+    root = ElementTree.fromstring(office._repr_svg_())
+    name = "{http://www.w3.org/2000/svg}"
+    assert [text.text for text in root.iter(f"{name}title")] == ["level 0", "level 1"]
+    assert len(list(root.iter(f"{name}polyline"))) == np.count_nonzero(office.edge_neighbour == WALL)
+    assert len(list(root.iter(f"{name}path"))) >= 2

@@ -37,6 +37,13 @@ class FakeResults:
     def notes(self, columns: tuple[str, ...] | None = None) -> list[str]:
         return footnotes(self.rows(), self.results)
 
+    def against(self, localizer: str) -> FakeResults:
+        assert localizer in {result.localizer for result in self.results}
+        return self
+
+    def methods(self, columns: tuple[str, ...] | None = None) -> str:
+        return "We replayed\n@misc{pdrbench}"
+
     def to_latex(self, columns: tuple[str, ...] | None = None) -> str:
         return "\\begin{tabular}" + ",".join(columns or ())
 
@@ -220,6 +227,20 @@ def test_columns_that_are_asked_for_are_shown(asked: Asked, command: Any, tmp_pa
     assert command(*start, "--all-columns").code == 0 and "pooled_p75" in (tmp_path / "t.tex").read_text()
     assert "did you mean 'mean_m'" in command(*start, "--columns", "meen_m").err
     assert "leave one out" in command(*start, "--columns", "mean_m", "--all-columns").err
+
+
+def test_one_is_compared_with_another_and_settings_come_from_a_file(asked: Asked, command: Any, tmp_path: Path) -> None:
+    (tmp_path / "tuned.toml").write_text('localizer = "li2012"\n[settings]\nmap = false\n')
+    start = ("compare", "--env", "CampusPhone-v1", "--settings", "tuned.toml", "--against", "dead_reckoning")
+    outcome = command(*start, "--methods")
+    assert outcome.code == 0 and outcome.out.endswith("We replayed\n@misc{pdrbench}\n")
+    assert asked.arguments["localizers"]["CampusPhone-v1"] == ["li2012", "li2012?map=false", "dead_reckoning"]
+    assert command(*start, "--methods", "--json").json["methods"].startswith("We replayed")
+    outcome = command("compare", "--env", "CampusPhone-v1", "--against", "li2012?map=false")
+    assert outcome.code == 1 and "li2012?map=false is not played here" in outcome.err
+    assert command("run", "li2012", "CampusPhone-v1", "--settings", "tuned.toml").code == 0
+    assert asked.arguments["localizers"] == {"CampusPhone-v1": ["li2012?map=false"]}
+    assert "its settings are of li2012, not of stay" in command("run", "stay", *start[2:5]).err
 
 
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:

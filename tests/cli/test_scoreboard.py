@@ -149,7 +149,7 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
     width: int, left_out: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    names = [*COLUMNS[2:4], "pooled_p75_level_penalised_m", "p95_m", "level_hit_rate", "outside_pct", "realtime_factor"]
+    names = [*COLUMNS[4:6], "pooled_p75_level_penalised_m", "p95_m", "level_hit_rate", "outside_pct", "realtime_factor"]
     one = row("dead_reckoning", **dict.fromkeys(names, 12.345))
     scoreboard.print_scores([one], names)
     captured = capsys.readouterr()

@@ -198,7 +198,7 @@ def test_tables_have_a_row_for_each_division(toy: Path) -> None:
         assert f"{toy}:Smooth (offline)" in text and f"{toy}:Plain (offline)" not in text
         assert "offline: answers were revised when the walk was over, in " in text
     assert found.walks()["division"].tolist() == ["online"] * 4 + ["offline"] * 2
-    assert set(found.frame().groupby(["localizer", "division"]).size().index) == {
+    assert set(found.to_frame().groupby(["localizer", "division"]).size().index) == {
         (f"{toy}:Plain", "online"),
         (f"{toy}:Smooth", "online"),
         (f"{toy}:Smooth", "offline"),

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pdrbench.errors import ResultError
+from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, score, scoring, store
+from pdrbench.evaluation.wording import in_a_line
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.registry import make_task
 from pdrbench.result import Result
@@ -182,7 +183,7 @@ def test_missing_convergence_is_neither_left_out_nor_averaged(localizer: Spec) -
     assert (entry["value"], entry["high"], entry["n"]) == (None, None, 6)
     assert json.loads(often.to_json())["rows"] == often.rows()
     assert "never" in often.table(["convergence_s"]) and "never" in often.to_markdown(["convergence_s"])
-    frame = often.frame().set_index("metric")
+    frame = often.to_frame().set_index("metric")
     assert frame["value"]["convergence_s"] == frame["high"]["convergence_s"] == never
     seldom = scored_anew(results, "convergence_s", [5.0, never, 7.0, 9.0, 8.0, math.nan])
     entry = seldom.rows()[0]["metrics"]["convergence_s"]
@@ -339,3 +340,54 @@ def test_failed_walks_are_counted_and_scored_and_an_empty_folder_is_an_error(loc
     assert "failed on 5 of 5 walks" in results.table()
     with pytest.raises(ResultError, match="no results in"):
         load_results(tmp_path)
+
+
+def test_results_show_themselves_in_a_notebook(results: Results, localizer: Spec) -> None:
+    assert [r.walk for r in results] == [r.walk for r in results.results] and len(list(results)) == len(results) == 36
+    page = results._repr_html_()
+    assert page.index(localizer("Noisy")) < page.index(localizer("Worse")) and "<h4>Corridor-v0, test split" in page
+    (ax,) = results.plot_cdf().axes
+    names = [text.get_text().partition(": ")[0] for text in ax.get_legend().get_texts()]
+    assert names == [localizer("Noisy"), localizer("Worse")], "what declined has no errors"
+    walk = results.plot_walk(-1)
+    assert "walk test-005" in walk.get_suptitle() and walk._repr_png_().startswith(b"\x89PNG")
+    assert localizer("Oracle") not in {text.get_text() for text in walk.legends[0].get_texts()}
+    with pytest.raises(PdrbenchError, match="there are 6 walks, counted from 0; got 6"):
+        results.plot_walk(6)
+
+
+def test_each_localizer_against_one(results: Results, localizer: Spec) -> None:
+    noisy, worse, oracle = (localizer(name) for name in ("Noisy", "Worse", "Oracle"))
+    compared = results.against(worse)
+    rows = {row["localizer"]: row["metrics"] for row in compared.rows()}
+    ratio, of_best = rows[noisy]["ratio_against"], rows[worse]["ratio_to_best"]
+    assert [ratio[k] for k in ("value", "low", "high")] == pytest.approx(
+        [1 / of_best[k] for k in ("value", "high", "low")]
+    )
+    assert rows[noisy]["p_against"]["value"] == pytest.approx(2 / 2**6) and ratio["n"] == 6
+    assert "ratio_against" not in rows[worse] and rows[oracle] == {} and "against" not in results.rows()[0]
+    text = compared.table()
+    assert "ratio_against" in text and "ratio_to_best" not in text and f"error over that of {worse}" in text
+    assert in_a_line("ratio_against", ratio) in compared.to_latex()
+    with pytest.raises(PdrbenchError, match="no localizer in these results named 'li2013'"):
+        results.against("li2013")
+
+
+def test_methods_say_what_was_run(results: Results, localizer: Spec) -> None:
+    text = " ".join(results.against(localizer("Worse")).methods(["mean_m", "p95_m"]).split())
+    version = results.results[0].provenance["versions"]["pdrbench"]  # type: ignore[index]
+    for part in (
+        *(
+            f"pdrbench {version}",
+            r"\texttt{Corridor-v0}",
+            "played 6 walks of the test split in 6 walks, each with 2 seeds",
+        ),
+        *(
+            r"\texttt{mean\_m}: Mean over walks",
+            "95 \\% intervals by the spread of 6 walks",
+            "comparisons with",
+            "@article{holm1979",
+        ),
+    ):
+        assert part in text, part
+    assert "declined" not in text and text.count("{") == text.count("}") and "{{" not in text

@@ -90,6 +90,7 @@ class FakeResults:
 
     results: tuple[Result, ...]
     kept: Path | None = None
+    compared_with: str | None = None
 
     @property
     def scored(self) -> tuple[Scored, ...]:
