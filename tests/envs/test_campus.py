@@ -32,7 +32,7 @@ def test_splits_are_large_and_kinds_come_equally_often(of: CampusWalks) -> None:
         "train": 100,
         "val": 40,
         "test": 100,
-        HELD_OUT: 400,
+        HELD_OUT: of.held_out,
     }
     for walks in task.walks.values():
         for number, kinds in enumerate((tuple(BUILDINGS), of.people)):

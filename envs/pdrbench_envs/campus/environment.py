@@ -44,7 +44,7 @@ PHONES: Final = ("usual", "gentle", "slow", "pocket", "swing", "ear", "bag", "ca
 
 
 STRIDES: Final = CampusWalks("CampusStride-v1", GAITS, 0, by_lift=False)
-FEET: Final = CampusWalks("CampusFoot-v1", GAITS, 1, by_lift=True)
+FEET: Final = CampusWalks("CampusFoot-v1", GAITS, 1, by_lift=True, held_out=400)
 PEOPLE: Final = CampusWalks("CampusPhone-v1", PHONES, 2, by_lift=True)
 LOST: Final = "CampusPhoneLost-v1"
 

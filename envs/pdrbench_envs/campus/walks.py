@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pdrbench_sim.record import BuildingScene
 
 SPLITS: Final = {"train": Split(walks=100), "val": Split(walks=40), "test": Split(walks=100)}
-HELD_OUT_SPLIT: Final = Split(walks=400)
 DURATION_S: Final = (120.0, 240.0)  # of a walk, least and most; ours
 ONE_LEVEL: Final = 3  # one walk in so many stays on its level
 ROUND: Final = 9  # walks after which it is another one of three, so that this follows no kind of nine people
@@ -37,17 +36,19 @@ class CampusWalks:
         people: Kinds of people, keys of `pdrbench_sim.phone.population.KINDS`.
         number: Of the environment in seeds.
         by_lift: Whether people take lifts as well as stairs.
+        held_out: Walks that a secret gives. A board that plays some of them plays others where there are more.
     """
 
     env: str
     people: tuple[str, ...]
     number: int
     by_lift: bool
+    held_out: int = 300
 
     @property
     def walks(self) -> GeneratedWalks:
         """Their ids and seeds."""
-        return GeneratedWalks(self.env, _SEED, SPLITS, HELD_OUT_SPLIT)
+        return GeneratedWalks(self.env, _SEED, SPLITS, Split(walks=self.held_out))
 
     def groups(self, walk: str) -> tuple[str, str]:
         """The kind of its building, and that of its person."""
