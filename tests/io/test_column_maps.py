@@ -57,7 +57,7 @@ class TestTables:
     @pytest.mark.parametrize(
         ("old", "new", "message"),
         [
-            ('gyro_unit = "deg/s"', 'gyro_unit = "rpm"', "Invalid enum value 'rpm'"),
+            ('gyro_unit = "deg/s"', 'gyro_unit = "turn"', "Invalid enum value 'turn'"),
             ("gyro_unit", "gyr_unit", "did you mean 'gyro_unit'"),
             ('"w1"', '"w9"', "no column 'w9'; the header names when, a, b"),
             ('time = "when"', "", "no `time`; name its column, or state rate_hz"),

@@ -17,6 +17,8 @@ import recording_samples as samples
 
 from pdrbench.errors import RecordingError
 from pdrbench_formats.detect import read
+from pdrbench_formats.taskfile.places import read_places
+from pdrbench_formats.taskfile.survey import read_survey_table
 
 Rows = dict[str, np.ndarray]
 NUM = int(os.environ.get("DIALECTS", "50"))  # DIALECTS=1000 reads a thousand
@@ -306,7 +308,41 @@ def odd_lines(walk: Rows) -> samples.Files:
     return {"a.csv": "\n".join(["t,ax,ay,az,gx,gy,gz,", *rows, ""]).encode()}
 
 
+def two_clocks_in_a_table(walk: Rows) -> samples.Files:
+    """Sensors side by side, each behind its own time; a title above, and empty columns at both sides, as of Excel."""
+    accel, gyro = (samples.lines_of(rows, ";") for rows in (walk["accel"], walk["gyro"][200:]))
+    rows = [f";{a};{gyro[k] if k < len(gyro) else ';;;'};" for k, a in enumerate(accel)]
+    text = "\n".join(["Walk 3;;;;;;;;;", ";t_acc;ax;ay;az;t_gyro;gx;gy;gz;", *rows, ""]).replace(".", ",")
+    return {"a.csv": text.encode() + b"\0" * 100}
+
+
+def days_of_a_spreadsheet(walk: Rows) -> samples.Files:
+    """Of Google in German: commas between columns and in numbers, which stand in quotes."""
+    t_d = 45_244.9 + walk["accel"][:, :1] / 86_400.0
+    columns = np.hstack([t_d, walk["accel"][:, 1:] * 100.0, walk["gyro"][:, 1:] * 30 / np.pi])
+    rows = [",".join(f'"{value:.10f}"'.replace(".", ",") for value in row) for row in columns.tolist()]
+    names = [f"acc {axis} (cm/s²)" for axis in "xyz"] + [f"gyr {axis} (rpm)" for axis in "xyz"]
+    return {"a.csv": "\n".join([",".join(["Zeit", *names]), *rows, ""]).encode()}
+
+
+def a_counter_that_wraps(walk: Rows) -> samples.Files:
+    columns = table(walk, "accel", "gyro", t=1e6, begin=4290.0)
+    columns[:, 0] %= 2**32
+    return {"a.csv": samples.text_of("micros,ax,ay,az,gx,gy,gz", columns, form="%.12g")}
+
+
+def rows_with_keys(walk: Rows) -> samples.Files:
+    """As Firebase exports them: to the second, with milliseconds beside; readings in lists."""
+    rows = {}
+    for k, (a, w) in enumerate(zip(walk["accel"].tolist(), walk["gyro"].tolist(), strict=True)):
+        read = [dict(zip(("sensor", "x", "y", "z"), row, strict=True)) for row in (["acc", *a[1:]], ["gyr", *w[1:]])]
+        time = f"{22 + k // 360_000}:{13 + k // 6000:02d}:{k // 100 % 60:02d}"
+        rows[f"-N{k:05d}"] = {"time": time, "ms": k % 100 * 10, "readings": read}
+    return {"a.json": json.dumps(rows).encode()}
+
+
 DOORS = (imu_recorder, meta_base, gnss_logger, wit_motion, mars, table_and_labels, xsens_commas, shimmer)
+DOORS += (two_clocks_in_a_table, days_of_a_spreadsheet, a_counter_that_wraps, rows_with_keys)
 DOORS += (stamps_of_ros, folders_of_sensors, kinds_in_a_column, kinds_as_numbers, kinds_without_a_header, odd_lines)
 DOORS += (gravity_beside_the_rest, objects, named_fields, rows_in_a_document, columns_in_a_document, serial_monitor)
 
@@ -374,6 +410,12 @@ def two_suffixes(walk: Rows) -> bytes:
     return samples.text_of(",".join(["t_ms", *names]), np.hstack([columns, -columns[:, 1:]]))
 
 
+def cut_to_the_second(walk: Rows) -> bytes:
+    rows = samples.lines_of(np.column_stack([walk["accel"][:, 1:], walk["gyro"][:, 1:]]))
+    lines = [f"2023-11-14 22:13:{k // 100:02d},{row}" for k, row in enumerate(rows)]
+    return "\n".join(["Time,ax,ay,az,gx,gy,gz", *lines, ""]).encode()
+
+
 def sign_of_an_iphone(walk: Rows) -> bytes:
     columns = np.hstack([-walk["accel"] * [-1, 1, 1, 1], walk["gyro"][:, 1:], walk["rotation"][:, 1:]])
     return samples.text_of("t,ax,ay,az,gx,gy,gz,qw,qx,qy,qz", columns)
@@ -386,6 +428,7 @@ def sign_of_an_iphone(walk: Rows) -> bytes:
         (numbered_rows, "state the rate"),
         (numbers_alone, r"numbers without a header.*header_line = 0"),
         (two_suffixes, "several accelerometers and gyroscopes.*two devices"),
+        (cut_to_the_second, "the same time in 99 of 100 rows"),
         (sign_of_an_iphone, "the attitude turns gravity down"),
     ],
 )
@@ -404,3 +447,49 @@ def test_rows_of_two_devices_name_their_column(phone_walk: Rows, tmp_path: Path)
     (tmp_path / "a.txt").write_text("\n".join([first, header, *both, ""]), encoding="utf-8")
     with pytest.raises(RecordingError, match="column 'DeviceName' has WT1, WT2"):
         read(tmp_path / "a.txt")
+
+
+PLACES = ((0.0, 3.0, 4.5, 0), (10.0, 9.0, 4.5, 0), (21.0, 9.0, 12.0, 1))
+IN_JSON = [{"time": t, "position": {"x": x, "y": y, "floor": level}} for t, x, y, level in PLACES]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s,x (in),y (in),floor\n" + "".join(f"{t},{x / 0.0254},{y / 0.0254},{f}OG\n" for t, x, y, f in PLACES),
+        "Zeit [min];X [mm];Y [mm];Etage\n0;3.000,0;4.500,0;EG\n0,166666667;9.000,0;4.500,0;EG\n"
+        "0,35;9.000,0;12.000,0;1.OG\n0,35;9.000,0;12.000,0;1.OG\n",
+        "t,pose.position.x,pose.position.y,階\n" + "".join(f"{t},{x},{y},{f}\n" for t, x, y, f in PLACES),
+        json.dumps({"waypoints": IN_JSON}),
+    ],
+)
+def test_places_of_strangers(text: str, tmp_path: Path) -> None:
+    text = text.replace("0OG", "EG")
+    (tmp_path / "a.csv").write_bytes(text.encode("shift_jis"))
+    places, _, _ = read_places(tmp_path / "a.csv", None)
+    found = np.column_stack([places.t_s, places.xy_m, places.level])
+    np.testing.assert_allclose(found, PLACES, atol=1e-3)
+
+
+@pytest.mark.parametrize(("names", "message"), [("x (px),y (px)", "none of m, cm"), ("lat,lon", "exchange the names")])
+def test_places_that_would_be_wrong(names: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"t_s,{names}\n0,111.5,48.1\n9,111.6,48.2\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=message):
+        read_places(tmp_path / "a.csv", None)
+
+
+def test_surveys_of_strangers(tmp_path: Path) -> None:
+    """Addresses in two ways of writing, what was not received as -110, and scans in JSON are one survey."""
+    macs = ("02:00:00:00:00:0a", "02:00:00:00:00:0b", "02:00:00:00:00:0c")
+    scans = [(x, 2.5, 0, *((-50 - x, -60, None) if x % 2 else (-55, None, -70))) for x in range(6)]
+    wide = ["x,y,level," + ",".join(mac.upper().replace(":", "-") for mac in macs)]
+    wide += [",".join("-110" if value is None else str(value) for value in row) for row in scans]
+    (tmp_path / "a.csv").write_text("\n".join(wide), encoding="utf-8")
+    given = [
+        {"x": x, "y": y, "floor": f, "wifi": [{"mac": m, "rss": r} for m, r in zip(macs, of, strict=True) if r]}
+        for x, y, f, *of in scans
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(given), encoding="utf-8")
+    found = [read_survey_table(tmp_path / name)[0] for name in ("a.csv", "a.json")]
+    assert np.array_equal(found[0].readings, found[1].readings) and len(found[0].readings) == 12
+    assert np.array_equal(found[0].xy_m, found[1].xy_m)

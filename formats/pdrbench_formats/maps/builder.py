@@ -225,7 +225,7 @@ class BuildingBuilder:
             add_flights(joined, k, shafts[k], layout, height_m, repairs)
         joined.leave_out_unsound(repairs)
         if not joined.polygons:
-            raise MapError(f"building {self.name!r}: nothing to walk on; add_walkable() the floor of each level")
+            raise MapError(f"building {self.name!r}: nothing to walk on; draw rooms or areas (add_walkable)")
         zones = [zone for zone in self._zones if zone.level in self._levels]
         return Building(self.name, joined.floor_polygons(), tuple(zones))
 

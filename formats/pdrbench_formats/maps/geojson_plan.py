@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 import shapely
 
 from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.container import Container
-from pdrbench.io.geo import GeoFrame
+from pdrbench.io.geo import WGS84_A_M, GeoFrame
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps import files, osm_indoor, shapefile
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
@@ -32,8 +33,10 @@ from pdrbench_formats.maps.features import (
     is_degrees,
     to_metres,
 )
+from pdrbench_formats.maps.layers import scale_of
 from pdrbench_formats.maps.plan import Plan
 
+MAX_LOCAL_M: Final = 2e5  # further from the origin a plan has coordinates of the Earth
 UNITS_M: Final[Mapping[str, float]] = WORDS["units"]
 DEGREES: Final = "degrees"
 KINDS: Final = ("room", "area", "wall", "door", "stairs", "escalator", "lift", "zone")
@@ -88,8 +91,16 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: {unknown_name('unit of length', units, [*UNITS_M, DEGREES])}")
     elif extent(feature.shape for feature in features) < 0.05:
         raise MapError(f'{path}: in {units} the plan is smaller than a hand; are they degrees? set "units": "degrees"')
-    if not named:
+    doors = [one.shape.length for one in features if one.tags.get("feature") == "door" and one.shape.length]
+    if not named and (units == DEGREES or not doors):
         builder.note("units assumed", f"the file does not name its units: taken for {units}")
+    size, low = extent(feature.shape for feature in features), np.abs(features[0].shape.bounds[:2])
+    if units == "metres" and not crs and low.max() > MAX_LOCAL_M:
+        longer = np.cosh(min(low[1] / WGS84_A_M, np.pi))
+        what = (
+            f"{size:.3g} m across, or {size / longer:.3g} m if the coordinates are Web Mercator: export it in EPSG:4326"
+        )
+        builder.note("units doubtful", what)
     heights = {level.level: level.height_m for one in documents.values() for level in one.levels}
     numbers = sorted({*heights, *(level for feature in features for level in _levels(feature))})
     for number in numbers:
@@ -98,6 +109,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         if count > 1:
             builder.note("duplicate id", f"{count} features have the id {id!r}: numbered")
     scale = UNITS_M.get(units, 1.0)
+    if not named and units != DEGREES:
+        scale = scale_of(size, [("door", float(np.median(doors)))] if doors else [], None if doors else 1.0, builder)
     for feature in features:
         scaled = shapely.transform(feature.shape, lambda xy: xy * scale)
         _add(builder, feature, scaled if geo is None else to_metres(feature.shape, geo))

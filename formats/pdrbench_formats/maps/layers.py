@@ -121,7 +121,7 @@ def scale_of(
     parts: Sequence[tuple[str, float]],
     stated: float | None,
     builder: BuildingBuilder,
-    level: int,
+    level: int | None = None,
     *,
     keeps_possible: bool = False,
 ) -> float:

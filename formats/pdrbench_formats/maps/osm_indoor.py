@@ -80,6 +80,9 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     else:
         features = read_features(container, path.name, builder.note_geometry)
     features = _with_door_levels([replace(feature, tags=_texts(feature.tags)) for feature in features])
+    if not any(one.tags.get("level") for one in features) and any(one.tags.get("indoor") for one in features):
+        features = [replace(one, tags={**one.tags, "level": "0"}) for one in features]
+        builder.note("levels assumed", "nothing has a tag `level`: all was taken for level 0")
     indoor = [one for one in features if one.tags.get("indoor") in WALKED and one.tags.get("level")]
     if not indoor:
         raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")

@@ -39,8 +39,7 @@ BAND: Final = 64  # rows that are made grey at once: copies of all of a picture 
 MAX_TRACED: Final = 1_000_000  # a larger picture is thinned: one of 1 kB and 15 million pixels took 21 s
 DARK: Final = 0.5  # of white: darker pixels are wall
 MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
-ENTRANCES_M: Final = (0.0, 1.1, 2.0)  # wall to wall: closed, one leaf, two leaves
-MAX_INSIDE: Final = 0.8  # of what is inside with the widest entrance closed: less leaks out through one
+ENTRANCES_M: Final = (0.0, 1.1, 1.6, 2.0)  # wall to wall: closed, one leaf, two leaves
 MIN_OF_HULL: Final = 0.1  # of what walls span: less floor is what letters enclose
 MIN_ROOM_M2: Final = 4.0  # smaller ones all round which another room lies are tables, columns and letters
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
@@ -218,6 +217,9 @@ def _inside(grey: FloatArray, bright: BoolArray, builder: BuildingBuilder, pictu
     if inside[1]:
         what = f"the outer wall has gaps of up to {inside[1]:g} m, which were closed to find what is inside"
         builder.note("walls not closed", what, picture.level)
+    if _has_frame(~bright):
+        what = "a line runs round everything and touches nothing: if it is the frame of the drawing, cut it off"
+        builder.note("floor doubtful", what, picture.level)
     hull = _skimage().morphology.convex_hull_image(~bright)
     if inside[0].sum() < MIN_OF_HULL * hull.sum():
         what = f"{inside[0].sum() / hull.sum():.0%} of what walls span is floor: is the outer wall open, `dark` wrong?"
@@ -225,10 +227,22 @@ def _inside(grey: FloatArray, bright: BoolArray, builder: BuildingBuilder, pictu
     return inside[0]
 
 
+def _has_frame(dark: BoolArray) -> bool:
+    """Whether one dark part is a rectangle round all others, which fill at least half of it, and touches none."""
+    parts, _ = ndimage.label(dark, np.ones((3, 3)))
+    boxes = ndimage.find_objects(parts)
+    sides = np.array([[one.stop - one.start for one in box] for box in boxes])
+    outer = int(sides.prod(axis=1).argmax())
+    margin = 2 + int(sides[outer].max()) // 50
+    inner = tuple(slice(one.start + margin, one.stop - margin) for one in boxes[outer])
+    is_inside = (2 * np.delete(sides, outer, axis=0) >= sides[outer]).all(axis=1)
+    return bool(is_inside.any()) and not (parts[inner] == 1 + outer).any()
+
+
 def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, float] | None:
     """Bright pixels where no disc gets from the border of the picture, and how wide that is; None where there are none.
 
-    The disc is a point, or as wide as an open entrance where that leaves much more inside.
+    The disc is a point, or as wide as an open entrance where that leaves rooms inside that are wider than it.
     """
     if bright.all():
         return None
@@ -244,11 +258,16 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
         beside = labels != labels[0, 0]
         outside = _far2(beside) <= half**2 if half else ~beside
         found.append(~walls & ~outside[margin:-margin, margin:-margin])
-    areas = [int(inside.sum()) for inside in found]
-    if max(areas) * metres_per_pixel**2 < MIN_AREA_M2:
-        return None
-    best = next(k for k, area in enumerate(areas) if area >= MAX_INSIDE * max(areas))
-    return found[best], ENTRANCES_M[best]
+    inside, wide_m = found[0], 0.0
+    clear2 = clear2[margin:-margin, margin:-margin]
+    for more, entrance_m in zip(found[1:], ENTRANCES_M[1:], strict=True):
+        parts, _ = ndimage.label(more & ~inside)
+        is_room = np.bincount(parts.ravel()) * metres_per_pixel**2 >= MIN_ROOM_M2
+        is_room[0] = False
+        is_room &= np.bincount(parts.ravel(), clear2.ravel() > (entrance_m / metres_per_pixel / 2) ** 2) > 0
+        if is_room.any():
+            inside, wide_m = inside | is_room[parts], entrance_m
+    return (inside, wide_m) if inside.sum() * metres_per_pixel**2 >= MIN_AREA_M2 else None
 
 
 def _add_free(

@@ -159,6 +159,12 @@ def _attitudes(omega: FloatArray) -> FloatArray:
     return multiply(begin, half)
 
 
+def turns_by_revolutions(gyro: FloatArray, accel: FloatArray) -> bool:
+    """Whether rates (T, 4), read as rad/s, are revolutions by what they do to gravity."""
+    factor, _, explained = _turning_of_gravity(gyro, accel)
+    return explained > _MIN_EXPLAINED and 0.8 < factor / (2.0 * np.pi) < 1.25
+
+
 def turns_in_degrees(gyro: FloatArray, accel: FloatArray) -> bool:
     """Whether rates (T, 4), read as rad/s, are degrees by what they do to gravity, in whatever unit `accel` is."""
     factor, sigma, _ = _turning_of_gravity(gyro, accel)

@@ -12,8 +12,8 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS, lengths
 from pdrbench_formats.recordings import columnnames as words
-from pdrbench_formats.recordings.axes import turns_gravity, turns_in_degrees
-from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock
+from pdrbench_formats.recordings.axes import turns_by_revolutions, turns_gravity, turns_in_degrees
+from pdrbench_formats.recordings.columnmap import SECONDS_IN, TIME_UNITS, UNITS, ColumnMap, clock
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
@@ -22,6 +22,7 @@ _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 _MAX_TIMES: Final = 100  # columns among which a time without a name is looked for
 _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thousand between two units
 _SAMPLED_S: Final = (1e-3, 0.05)  # of inertial sensors: 1000 to 20 Hz
+_FORCE_UNITS: Final = ("m/s^2", "g", "mg")  # that need no word
 _MIN_FIELD_UT: Final = 5.0  # less is no field of the Earth, in whatever is taken for the unit
 _RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
 
@@ -96,6 +97,8 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         if kind in found:
             name = found[kind] if kind == "baro" else found[kind][0]
             unit = words.unit_of(f"{kind}_unit", named[name][1])
+            if named[name][1] == "rps" and _turns(table, found, turns_by_revolutions):
+                unit = "rev/s"
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
     if "mag_unit" in assumed and _length_of(table, found["mag"]) * UNITS["mag_unit"][found["mag_unit"]] < _MIN_FIELD_UT:
         assumed.remove("mag_unit")
@@ -116,7 +119,7 @@ def doubted_unit(table: DelimitedTable, columns: ColumnMap) -> str:
     if columns.time_unit == "datetime" or not columns.time:
         return ""
     step = usual_step(table, columns.time)
-    is_likely = _RARE_S[0] <= step * SECONDS_IN[columns.time_unit] < _RARE_S[1]
+    is_likely = _RARE_S[0] <= step * TIME_UNITS[columns.time_unit] < _RARE_S[1]
     fitting = [unit for unit, s in SECONDS_IN.items() if _SAMPLED_S[0] <= step * s <= _SAMPLED_S[1]]
     return fitting[0] if fitting and not is_likely else ""
 
@@ -186,7 +189,7 @@ def _is_force(table: DelimitedTable, names: Sequence[str]) -> bool:
     if not has_gravity(table, names):
         return False
     usual = _length_of(table, names)
-    return any(0.8 < usual * factor / UNITS["accel_unit"]["g"] < 1.25 for factor in UNITS["accel_unit"].values())
+    return any(0.8 < usual * UNITS["accel_unit"][unit] / UNITS["accel_unit"]["g"] < 1.25 for unit in _FORCE_UNITS)
 
 
 def _length_of(table: DelimitedTable, names: Sequence[str]) -> float:
@@ -209,6 +212,7 @@ def _time_column(table: DelimitedTable, bases: Mapping[str, str], *, shared: boo
         if (base.removesuffix(words.unit_in(base)) or base) in words.TIME_NAMES
     )
     found = [name for _, name in exact] or [name for name, base in bases.items() if "time" in base]
+    found = [name for name in found if not any(word in bases[name] for word in words.BETWEEN_ROWS)]
     different = {name: len({str(value) for value in table.columns[name][:_MAX_SEEN]}) for name in found}
     if shared:
         exact_enough = 0.9 * max(different.values(), default=0)
@@ -257,7 +261,7 @@ def time_unit_of(table: DelimitedTable, name: str) -> str:
     if not _is_numeric(table, name):
         return "datetime"
     step, t = usual_step(table, name), table.numbers(name)
-    fitting = [unit for unit, s in SECONDS_IN.items() if _STEPS_S[0] <= step * s <= _STEPS_S[1]]
+    fitting = [unit for unit, s in TIME_UNITS.items() if _STEPS_S[0] <= step * s <= _STEPS_S[1]]
     if step == 1.0 and not (np.diff(t) != 1.0).any():
         return "s"  # numbers of samples, which a finding says
     if fitting:

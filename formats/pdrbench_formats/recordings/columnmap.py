@@ -36,8 +36,10 @@ from pdrbench_formats.recordings.delimited import DelimitedTable, most_odd
 from pdrbench_formats.toml import explained, read_toml, toml_value
 
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "accel_unit": {"m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3},
-    "gyro_unit": {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdeg/s": np.pi / 180.0e3},
+    "accel_unit": {"m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3}
+    | {"cm/s^2": 0.01, "ft/s^2": 0.3048},
+    "gyro_unit": {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdeg/s": np.pi / 180.0e3, "mrad/s": 1e-3}
+    | {"rpm": np.pi / 30.0, "rev/s": 2.0 * np.pi},
     "mag_unit": {"uT": 1.0, "mT": 1e3, "T": 1e6, "nT": 1e-3, "G": 100.0, "mG": 0.1},
     "baro_unit": {"hPa": 1.0, "Pa": 0.01, "kPa": 10.0, "mbar": 1.0, "bar": 1e3, "inHg": 33.863886},
 }
@@ -49,6 +51,10 @@ _CLOCK_COLON: Final = r"(\d:\d{1,2}:\d{1,2})[:,](\d+)"  # 13:45:12:123
 _FEW_MS: Final = r"(:\d{1,2}):(\d{1,2})$"  # 8:18:9:94 among 8:18:9:104 are milliseconds
 _DAY_FIRST: Final = r"\d{1,2}\.\d{1,2}\.\d{4}"
 SECONDS_IN: Final = {unit: ns * 1e-9 for unit, ns in {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}.items()}
+TIME_UNITS: Final = {**SECONDS_IN, "min": 60.0, "d": 86_400.0}
+_MAX_MISSED: Final = 20  # rows between which a counter may begin anew
+FIRST_DAY: Final = 25_569.0  # of 1970, in the days of spreadsheets
+_FIRST_DAYS: Final = (719_529.0, FIRST_DAY)  # of MATLAB before
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -73,13 +79,13 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """
 
     time: str = ""
-    time_unit: Literal["s", "ms", "us", "ns", "datetime"] = "s"
+    time_unit: Literal["s", "ms", "us", "ns", "min", "d", "datetime"] = "s"
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
     accel: tuple[str, str, str] | None = None
-    accel_unit: Literal["m/s^2", "g", "mg"] = "m/s^2"
+    accel_unit: Literal["m/s^2", "g", "mg", "cm/s^2", "ft/s^2"] = "m/s^2"
     gravity: tuple[str, str, str] | None = None
     gyro: tuple[str, str, str] | None = None
-    gyro_unit: Literal["rad/s", "deg/s", "mdeg/s"] = "rad/s"
+    gyro_unit: Literal["rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "rev/s"] = "rad/s"
     mag: tuple[str, str, str] | None = None
     mag_unit: Literal["uT", "mT", "T", "nT", "G", "mG"] = "uT"
     rotation: tuple[str, str, str, str] | None = None
@@ -200,11 +206,25 @@ def clock(table: DelimitedTable, name: str, unit: str) -> tuple[FloatArray, floa
         return np.where(is_date, seconds(ns, first_ns), np.nan), first_ns * 1e-9
     whole = table.whole(name)
     if whole is not None and len(whole):
-        return (whole - whole[0]).astype(np.float64) * SECONDS_IN[unit], float(whole[0]) * SECONDS_IN[unit]
+        whole = _counted_on(whole)
+        return (whole - whole[0]).astype(np.float64) * TIME_UNITS[unit], float(whole[0]) * TIME_UNITS[unit]
     numbers = table.numbers(name)
     finite = numbers[np.isfinite(numbers)]
     first = float(finite[0]) if len(finite) else 0.0
-    return (numbers - first) * SECONDS_IN[unit], first * SECONDS_IN[unit]
+    since = next((day for day in _FIRST_DAYS if unit == "d" and first > day), 0.0)
+    return (numbers - first) * TIME_UNITS[unit], (first - since) * TIME_UNITS[unit]
+
+
+def _counted_on(whole: IntArray) -> IntArray:
+    """Counts (N,) of a device, which go on where its counter of 16 or 32 bits began anew."""
+    steps = np.diff(whole)
+    for size in (1 << 16, 1 << 32):
+        back = steps < -size // 2
+        if back.any() and whole.min() >= 0 and whole.max() < size:
+            usual = max(int(np.median(steps)), 1)
+            if ((steps[back] + size >= 0) & (steps[back] + size <= _MAX_MISSED * usual)).all():
+                return np.asarray(whole + size * np.cumsum(np.append(0, back)))
+    return whole
 
 
 def unix_s(first_s: float) -> float | None:

@@ -17,22 +17,24 @@ _UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
     "time_unit": {
         unit: [f"{short}{word}" for short in shorts for word in _SECONDS]
         for unit, shorts in WORDS["units"]["time_unit"].items()
-    },
+    }
+    | WORDS["units"]["long_time_unit"],
 }
 _AFTER_AXIS: Final = re.compile(r"(.*)[\W_]?([wxyz])[\W_]+(.+)")  # a name, its axis, and what can only be a unit
 _UNIT_TEXTS: Final = sorted(
     {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
 )
 _W3C: Final = {"alpha": "z", "beta": "x", "gamma": "y"}  # rates in the DeviceMotion of browsers
-_LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
+_LETTERS: Final = ("g", "t", "s", "m", "in", "min", "day")  # of a name as often as of a unit
 _SENSOR_NAMES: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["alone"]
 _SENSOR_WORDS: Final[Mapping[str, Sequence[str]]] = WORDS["sensors"]["ending"]
 _OTHER, FILLERS = WORDS["columns"]["other"], WORDS["columns"]["fillers"]
 _LINEAR: Final = re.compile("|".join(WORDS["columns"]["linear"]))
 TIME_NAMES: Final[Sequence[str]] = [
     *WORDS["columns"]["time"],
-    *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
+    *(text for unit in WORDS["units"]["time_unit"] for text in _UNIT_NAMES["time_unit"][unit] if len(text) > 1),
 ]
+BETWEEN_ROWS: Final[Sequence[str]] = WORDS["columns"]["between_rows"]
 BARO_NAMES: Final[Sequence[str]] = WORDS["columns"]["baro"]
 LEVEL_NAMES: Final[Sequence[str]] = WORDS["columns"]["level"]
 PLACE_NAMES: Final = {unit: WORDS["columns"][f"place_{unit}"] for unit in ("m", "deg")}

@@ -15,8 +15,11 @@ fields empty; latitude and longitude, which are what the phone took for its plac
 
 from __future__ import annotations
 
+import itertools
 import re
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -32,7 +35,7 @@ from pdrbench.sensors.checks import MIN_ROWS, SAMPLED
 from pdrbench_formats.recordings.assemble import Tally, note_face_down, note_guesses
 from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place
 from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped
-from pdrbench_formats.recordings.columnnames import sensor_in
+from pdrbench_formats.recordings.columnnames import TIME_NAMES, sensor_in, split_names, unit_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHeaderError, find_layout, read_delimited
 from pdrbench_formats.recordings.joined import COLUMNS_OF, SensorTable, by_kind, join_tables
 from pdrbench_formats.recordings.texts import text_of
@@ -42,9 +45,11 @@ _WIDTH: Final = range(4, 1000)  # columns: a time and a vector, and not the numb
 _BOTH: Final = {"accel", "gyro"}
 _MAX_DEVICES: Final = 8
 _MAX_SEEN: Final = 1000  # rows that show that a column names no devices
+_SAME_CLOCK_S: Final = 0.002
+_SAME_TIMES: Final = 0.9  # of rows: more than sensors that share a table, each with rows of its own
 _TURNS: Final = 0.2  # of all rows, after which those of another device come: labels of what was done change less often
 _PEEK_BYTES: Final = 32_768  # of a table that may hold both inertial sensors
-_COLUMNS: Final = re.compile(rb'\s*\{\s*"[^"]*"\s*:\s*\[\s*[-\d]')  # of JSON, of which a beginning shows the first
+_COLUMNS: Final = re.compile(rb'\s*\{\s*"[^"]*"\s*:\s*(?:\[\s*[-\d]|\{)')  # of JSON, known as a whole only
 _UNKNOWN: Final = ColumnMap()  # whose separator, decimals and header are found
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
 
@@ -72,7 +77,8 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
         return read_mapped(path, _table(content, path, known), known, tally=tally, strict=strict)
     table, sensor = _headed_table(content, path)
     found, assumed = guess(table, sensor)
-    if found is None and (parts := by_kind(table)):
+    parts = by_kind(table) if found is None else _side_by_side(table)
+    if parts:
         return join_tables(path, parts, tally, strict=strict)
     if found is None:
         raise RecordingError(
@@ -104,6 +110,13 @@ def _headed_table(content: bytes, path: Path) -> tuple[DelimitedTable, str]:
 
 def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Sequence[str]) -> None:
     """Refuses a table without a time, and one whose header states a unit of time that its steps contradict."""
+    few = _few_times(table, found)
+    if few:
+        raise RecordingError(
+            f"{path}: line {table.first_line}: {found.time!r} has the same time in {few[0]:.0f} of 100 rows, as where "
+            f"a spreadsheet cut it; export the file again, or state the rate in place of the time:\n"
+            f"{_indented(msgspec.structs.replace(found, time='', time_unit='s', rate_hz=few[1]))}"
+        )
     if not found.time:
         choice = [name for name in ("accel", "gyro", "mag", "rotation") if name in assumed]
         several = f", and several that may be {' and '.join(choice)}: two devices?" if choice else ""
@@ -121,6 +134,40 @@ def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Se
         )
 
 
+def _few_times(table: DelimitedTable, found: ColumnMap) -> tuple[float, float] | None:
+    """Percent of rows with the time of the row before, and rows a second; None where times tell most rows apart."""
+    if not found.time:
+        return None
+    beginning = replace(table, columns={found.time: table.columns[found.time][: 10 * _MAX_SEEN]})
+    t_s, _ = clock(beginning, found.time, found.time_unit)
+    changes = np.flatnonzero(np.diff(t_s))
+    if len(changes) > (1.0 - _SAME_TIMES) * len(t_s) or len(t_s) < MIN_ROWS:
+        return None
+    span_s = float(t_s[changes[-1] + 1] - t_s[changes[0] + 1]) if len(changes) > 1 else 0.0
+    rate_hz = (changes[-1] - changes[0]) / span_s if span_s > 0.0 else 100.0
+    return 100.0 * (1.0 - (1 + len(changes)) / len(t_s)), float(f"{rate_hz:.4g}")
+
+
+def _side_by_side(table: DelimitedTable) -> list[SensorTable]:
+    """Sensors that stand beside one another in a table, each behind a time of its own; [] where all share one."""
+    names, bounds = list(table.columns), []
+    for place, (base, unit) in enumerate(split_names(names, table.units).values()):
+        is_time = "time" in base or base in TIME_NAMES or (base[:1] == "t" and sensor_in(base[1:]) in COLUMNS_OF)
+        if is_time or unit_of("time_unit", unit):
+            bounds.append(place)
+    spans = [span for span in itertools.pairwise([*bounds, len(names)]) if span[1] - span[0] in _WIDTH]
+    parts, clocks = [], []
+    for first, end in spans if len(spans) > 1 else ():
+        given = np.array([text not in ("", "nan") for text in table.texts(names[first])])
+        columns = {name: table.columns[name][given] for name in names[first:end]}
+        part = DelimitedTable(table.path, columns, table.first_line, Counter(), Counter(), table.units)
+        if (found := guess(part)[0]) is not None and found.time:
+            parts.append(SensorTable(names[first], "", part))
+            clocks.append(clock(part, found.time, found.time_unit)[0])
+    same = [len(t_s) == len(clocks[0]) and np.abs(t_s - clocks[0]).max() < _SAME_CLOCK_S for t_s in clocks[1:]]
+    return [] if all(same) else parts
+
+
 def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Sequence[str]) -> None:
     """Refuses two devices in one table: in columns, with the map of the first; in rows, with the column of devices."""
     if set(assumed) >= _BOTH:
@@ -134,7 +181,7 @@ def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap, assumed:
         if values.dtype.kind == "f" or name == found.time or len(set(values[:_MAX_SEEN].tolist())) > _MAX_DEVICES:
             continue
         texts = np.array(table.texts(name))
-        devices, num_rows = np.unique(texts, return_counts=True)
+        devices, num_rows = np.unique(texts[texts != ""], return_counts=True)
         if not (1 < len(devices) <= _MAX_DEVICES and num_rows.min() >= MIN_ROWS):
             continue
         changes, goes_back = texts[1:] != texts[:-1], np.diff(t_s) < 0

@@ -19,6 +19,8 @@ from pdrbench_formats.recordings.texts import text_of
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 _DECIMAL_COMMA: Final = re.compile(rb"(?<![\d,])-?\d+,\d+(?![\d,])")
+_QUOTED_DECIMAL: Final = re.compile(rb'"-?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))"')
+_THOUSANDS: Final = {",": r"-?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?", ".": r"-?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d+)?"}
 _QUOTED: Final = re.compile(r'"([^"]*)"')
 _SAMPLE_BYTES: Final = 4096
 _HEADER_BYTES: Final = 32_768  # a header and the rows by which it is known
@@ -32,6 +34,9 @@ _COMMENT_LINE: Final = re.compile(rb"^(?:[#%!]|//).*\n?", re.M)
 _WHOLE: Final = re.compile("(.*?)s(?:ec|econd)s?", re.I)
 _REST: Final = re.compile("(.*?)(n|nano|u|micro|m|milli)s(?:ec|econd)s?", re.I)
 _REST_NS: Final = {"n": 1, "nano": 1, "u": 10**3, "micro": 10**3, "m": 10**6, "milli": 10**6}
+_MS_NAMES: Final = ("ms", "msec", "millis", "millisecond", "milliseconds")
+_PART: Final = re.compile(r"[.,](?=\d{3}[.,])")  # between thousands
+_TO_THE_SECOND: Final = re.compile(r".*\d:\d\d:\d\d")
 _MAX_ODD: Final = 0.02  # of all rows: more lines that are no row are a fault of the whole file
 _MIN_ODD: Final = 3
 _UNIT: Final = re.compile(r"[\[(]?[^\W\d_]*[µμ°%]?[^\W\d_]*(?:[/*^ .·][\w^²-]+)*²?[\])]?")
@@ -90,6 +95,10 @@ class DelimitedTable:
             numbers = pd.to_numeric(pd.Series(self.texts(name)), errors="coerce").to_numpy(dtype=np.float64)
         rows = np.flatnonzero(np.isnan(numbers)).tolist()
         odd = [row for row in rows if _text(values[row]).lower().lstrip("+-") not in _MISSING]
+        if odd and (mark := _thousands_of([_text(values[row]) for row in odd])):
+            numbers = numbers.copy()
+            numbers[odd] = [float(_text(values[row]).replace(mark, "").replace(",", ".")) for row in odd]
+            odd = []
         if len(odd) > (0 if self.exact else most_odd(len(numbers))):
             came = _text(values[odd[0]])
             why = "a decimal comma; write a point" if "," in came else "no number; delete the row or export it again"
@@ -121,6 +130,12 @@ class DelimitedTable:
 def most_odd(num: int) -> float:
     """Lines or fields, of so many, that may be none without the whole file being refused."""
     return min(max(_MIN_ODD, _MAX_ODD * num), num / 10)
+
+
+def _thousands_of(texts: Sequence[str]) -> str:
+    """The mark that parts thousands in all of some numbers, which one of them proves by a second mark; or ""."""
+    fitting = (mark for mark, form in _THOUSANDS.items() if all(re.fullmatch(form, text) for text in texts))
+    return next(fitting, "") if any(len(re.findall("[.,]", text)) > 1 for text in texts) else ""
 
 
 def _text(value: object) -> str:
@@ -204,8 +219,17 @@ def read_delimited(
 
 
 def _with_stamp(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Columns, before them their seconds and what is left of a second, as ROS writes a time, in one of nanoseconds."""
+    """Columns, before them their seconds and what is left of a second, as ROS writes a time, in one of nanoseconds.
+
+    A time of day to the second has the milliseconds that stand in a column of their own.
+    """
     whole_of = {match[1].lower(): columns[match[0]] for match in map(_WHOLE.fullmatch, columns) if match}
+    texts_of = {name: values for name, values in columns.items() if values.dtype.kind not in "iuf" and len(values)}
+    of_day = next((name for name, values in texts_of.items() if _TO_THE_SECOND.fullmatch(_text(values[0]))), "")
+    ms = next((columns[name] for name in columns if name.strip().lower() in _MS_NAMES), np.zeros(0))
+    if of_day and ms.dtype.kind in "iu" and ms.min() >= 0 and ms.max() < 1000:
+        exact = [f"{_text(text)}.{rest:03d}" for text, rest in zip(texts_of[of_day], ms.tolist(), strict=True)]
+        return {**columns, of_day: np.array(exact, dtype=object)}
     for match in filter(None, map(_REST.fullmatch, columns)):
         values, whole = columns[match[0]], whole_of.get(match[1].lower())
         if whole is not None and {values.dtype.kind, whole.dtype.kind} <= {"i", "u"}:
@@ -336,7 +360,7 @@ def _once_each(names: Sequence[str]) -> list[str]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text.replace(",", "."))
+        float(_PART.sub("", text).replace(",", "."))
     except ValueError:
         return False
     return True
@@ -358,8 +382,9 @@ def _separator(header: str) -> str:
 
 
 def decimal_of(sample: bytes, separator: str) -> str:
-    """ "," where the first rows write numbers so; never where commas part the columns."""
-    return "," if separator != "," and _DECIMAL_COMMA.search(sample) else "."
+    """ "," where the first rows write numbers so; where commas part the columns, only of numbers in quotes."""
+    written = _DECIMAL_COMMA if separator != "," else _QUOTED_DECIMAL
+    return "," if written.search(sample) else "."
 
 
 def _without_comments(content: bytes, begin: int, dropped: Counter[str]) -> tuple[bytes, int]:
@@ -393,8 +418,9 @@ def _whole_lines(
     num_fields = {row: line.count(mark) + 1 for row, line in enumerate(lines) if line}
     if not num_fields:
         return content, begin, names
-    if set(num_fields.values()) == {len(names) + 1} and all(lines[row].endswith(mark) for row in num_fields):
-        names = [*names, ""]  # a separator at the end of each row, though not of the header
+    more = min(num_fields.values()) - len(names)
+    if more > 0 and len(set(num_fields.values())) == 1 and all(lines[row].endswith(mark * more) for row in num_fields):
+        names = [*names, *[""] * more]  # separators at the end of each row, though not of the header
     odd = [row for row, num in num_fields.items() if num != len(names)]
     is_cut = odd == [max(num_fields)] and num_fields[odd[0]] < len(names)
     if len(odd) > (0 if exact else most_odd(len(num_fields))) and not is_cut:

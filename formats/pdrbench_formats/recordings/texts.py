@@ -44,17 +44,27 @@ def text_of(content: bytes, path: Path) -> Text:
     Raises:
         RecordingError: As `clean_text`.
     """
+    num_zero = len(content) - len(content.rstrip(b"\0")) if content.endswith(b"\0\0") else 0
+    content = content[: len(content) - num_zero]  # of a logger whose power was cut
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
     begin = content[:_BEGIN_BYTES]
-    encoding = max(ENCODINGS, key=lambda one: sum(word in begin.decode(one, "ignore").lower() for word in _FOREIGN))
+    encoding = ENCODINGS[0] if begin.isascii() else max(ENCODINGS, key=lambda one: _num_known(begin, one))
     num_lines = begin.count(b"\n")
     if 2 * len(_STAMP.findall(begin)) > num_lines:
         content = _STAMP.sub(_after_stamp, content)
     if begin.count(b";") == len(_LAST_MARK.findall(begin)) > num_lines / 2:
         content = _LAST_MARK.sub(b"", content)
     table = _with_header(content)
-    return replace(clean_text(table, path, encoding=encoding), added_lines=int(table is not content))
+    text = clean_text(table, path, encoding=encoding)
+    mended = {**text.mended, **({"zero bytes at the end": num_zero} if num_zero else {})}
+    return replace(text, added_lines=int(table is not content), mended=mended)
+
+
+def _num_known(begin: bytes, encoding: str) -> int:
+    """Words of `words.toml` in the beginning of a text, if that is its encoding."""
+    text = begin.decode(encoding, "ignore").lower()
+    return sum(word in text for word in _FOREIGN)
 
 
 def _after_stamp(match: re.Match[bytes]) -> bytes:
@@ -67,23 +77,36 @@ def _after_stamp(match: re.Match[bytes]) -> bytes:
 def _objects(content: bytes) -> bytes:
     """A document of JSON with rows somewhere in it, as an object on each line; lists beside one another are kinds."""
     try:
-        document = msgspec.json.decode(content)
+        first, _, rest = content.partition(b"\n")
+        is_by_line = rest.strip() and b"[{" in first and _members(first)
+        document = msgspec.json.Decoder().decode_lines(content) if is_by_line else msgspec.json.decode(content)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         begin = None if _members(content.split(b"\n", 1)[0]) else _ROWS_BEGIN.search(content, 0, _BEGIN_BYTES)
         part = content if begin is None else content[begin.end() - 1 :].replace(b"\n", b" ")
         return content if begin is None else _BETWEEN_OBJECTS.sub(b"}\n{", part)
-    lists = {key: found for key, found in _lists("", document) if len(found) > _MIN_FIELDS}
-    kinds = {key: found for key, found in lists.items() if all(isinstance(row, dict) for row in found)}
+    every = dict(_lists("", document))
+    lists = {key: found for key, found in every.items() if len(found) > _MIN_FIELDS}
+    kinds = {key: found for key, found in (lists or every).items() if _are_objects(found)}
     rows = [row if len(kinds) == 1 else {"sensor": key, **row} for key, found in kinds.items() for row in found]
     if not rows and len(set(map(len, lists.values()))) == 1:
         rows = [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+    inner = {key for row in rows for key, value in row.items() if isinstance(value, list) and _are_objects(value)}
+    if len(inner) == 1:  # readings of a scan, or sensors of a time
+        key = inner.pop()
+        rows = [{**row, key: k, **one} for k, row in enumerate(rows) for one in row.get(key) or ()]
     return b"\n".join([msgspec.json.encode(row) for row in rows]) or content
+
+
+def _are_objects(value: list[Any]) -> bool:
+    return bool(value) and all(isinstance(one, dict) for one in value)
 
 
 def _lists(name: str, value: Any, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:
     """Lists in a document, by the names that they have."""
     if isinstance(value, list):
         yield name, value
+    elif isinstance(value, dict) and len(value) > _MAX_NAMES and all(isinstance(one, dict) for one in value.values()):
+        yield name, list(value.values())  # each row has a key of its own
     elif isinstance(value, dict) and depth < _MAX_DEPTH:
         for key, inner in value.items():
             yield from _lists(key, inner, depth + 1)

@@ -17,7 +17,8 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.container import open_container
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.trajectory import Trajectory
-from pdrbench_formats.recordings.columnmap import SECONDS_IN, unix_s
+from pdrbench_formats.maps.features import level_number
+from pdrbench_formats.recordings.columnmap import FIRST_DAY, SECONDS_IN, unix_s
 from pdrbench_formats.recordings.columnmap import clock as clock_of
 from pdrbench_formats.recordings.columnnames import LEVEL_NAMES, TIME_NAMES, split_unit, unit_in, unit_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
@@ -29,13 +30,15 @@ EXAMPLE: Final = "t_s,x_m,y_m,level"
 SENDER, STRENGTH = "access_point", "rssi_dbm"
 _ALIASES: Final[Mapping[str, Sequence[str]]] = {**WORDS["places"], "level": LEVEL_NAMES}
 _KNOWN: Final = {base: name for name, bases in _ALIASES.items() for base in bases}
-_METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+_METRES: Final = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254, "yd": 0.9144}
 _TUM: Final = ("timestamp", "x_m", "y_m", "z", "qx", "qy", "qz", "qw")  # without a header, as evo and others write
 _WITHOUT_HEADER: Final = {8: _TUM, 3: _TUM[:3], 4: (*_TUM[:3], "level")}  # by the number of columns
 _STRENGTHS_DBM: Final = (-127.0, -10.0)  # a column `level` of them is that of Android's ScanResult
 _ACCESS_POINT: Final = re.compile(
     r"(?:WAP|AP|MAC|BSSID|RSSI?|i?beacon|ble|b)_?\d+|(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}", re.I
 )
+_OF_A_POSE: Final = re.compile(r".*(?:pose|position|translation|location|pos)\.?([xy01])")
+_MIN_RISE_M: Final = 2.0  # of a height, that may be another level
 _MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
 _MAX_DEGREES: Final = 0.02  # between places named x and y that are degrees: 2 km, and in metres nowhere to walk to
 _STEPS_S: Final = (0.0009, 100.0)  # between places
@@ -78,12 +81,21 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
             )
         t_s = t_s - start_unix_s
     xy_m, level, geo = places_in(table, known)
-    order = np.flatnonzero(known)[np.argsort(t_s[known], kind="stable")]
-    dropped = table.dropped + Counter({"without a place": int((~known).sum())})
-    left_out = f"{path.name}: lines left out: {', '.join(f'{num} {why}' for why, num in dropped.items())}"
+    rows = np.column_stack([t_s, xy_m, level])
+    again = known & np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
+    dropped = table.dropped + Counter({"without a place": int((~known).sum()), "that stand twice": int(again.sum())})
+    kept = np.flatnonzero(known & ~again)
+    order = kept[np.argsort(t_s[kept], kind="stable")]
+    left = [f"lines left out: {', '.join(f'{num} {why}' for why, num in (+dropped).items())}"] * bool(dropped.total())
+    if unread := [name for name in table.columns if name not in (*CLOCKS, *frame, "level", *_TUM)]:
+        left.append(f"columns left out: {', '.join(unread)[:200]}")
+    z = table.columns.get("z", np.zeros(len(table)))
+    if "level" not in table.columns and z.dtype.kind in "iuf" and (rise := np.ptp(z[kept])) > _MIN_RISE_M:
+        left.append(f"without a column of levels all is on level 0, though z goes over {rise:.1f} m")
+    left_out = f"{path.name}: {'; '.join(left)}"
     try:
         places = Trajectory(t_s[order], xy_m[order], level[order], np.ones(len(order), dtype=np.bool_))
-        return places, geo, left_out if dropped.total() else ""
+        return places, geo, left_out if left else ""
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
 
@@ -160,8 +172,12 @@ def table_names(content: bytes) -> set[str]:
 
 def name_of(name: str) -> str:
     """What `EXAMPLE` and surveys call a column, "t_s" for any time; the name itself of any other."""
-    base, _ = split_unit(name)
-    is_time = base in TIME_NAMES or bool(unit_in(base))
+    last = name.rpartition(".")[2]  # of what a document of JSON holds within other things
+    own = last if _ACCESS_POINT.fullmatch(last) else _KNOWN.get(split_unit(last)[0])
+    if last != name and own in (last, "level", SENDER, STRENGTH):
+        return own
+    base = _OF_A_POSE.sub(r"position\1", split_unit(name)[0])
+    is_time = base in TIME_NAMES or bool(unit_in(base)) or base.endswith(("time", "timestamp"))
     return name if name in CLOCKS or name in _ALIASES else _KNOWN.get(base, "t_s" if is_time else name)
 
 
@@ -172,18 +188,27 @@ def _canonical(table: DelimitedTable) -> dict[str, NDArray[Any]]:
     if SENDER in names.values() and STRENGTH not in names.values():
         names |= {name: STRENGTH for name, own in names.items() if own == "level" and _are_strengths(table, name)}
     for name, values in table.columns.items():
-        own, scale = names[name], _METRES.get(unit_of("length_unit", split_unit(name)[1]), 1.0)
+        own, unit = names[name], split_unit(name)[1]
+        scale = _METRES[unit_of("length_unit", unit)]
+        if own in FRAMES[0] and unit and not unit_of("length_unit", unit):
+            known = ", ".join(filter(None, _METRES))
+            raise table.error(0, f"{name!r} states the unit {unit!r}, which is none of {known}; convert it to one")
         if own in found or (own == "t_s" and found.keys() & CLOCKS.keys()):
             found[name] = values
         elif own == "t_s" and name != own:
             clock, times = _clock(table, name)
             found[clock] = times
+        elif own == "level" and values.dtype.kind not in "iuf":
+            levels = [level_number(text) if text else np.nan for text in table.texts(name)]
+            found[own] = values if None in levels else np.array(levels, dtype=np.float64)
         else:
             found[own] = values if scale == 1.0 or own not in FRAMES[0] else table.numbers(name) * scale
     if found.keys() >= set(FRAMES[0]) and not found.keys() & set(FRAMES[1]) and _are_degrees(table, found):
         found["lat_deg"], found["lon_deg"] = found.pop("x_m"), found.pop("y_m")
     if found.keys() >= set(FRAMES[1]) and len(table):
-        lat_deg = dataclasses.replace(table, columns=found).numbers("lat_deg")
+        lat_deg, lon_deg = dataclasses.replace(table, columns=found).table(FRAMES[1]).T
+        if 90.0 < np.nanmax(np.abs(lat_deg), initial=0.0) <= 180.0 and np.nanmax(np.abs(lon_deg)) <= 90.0:
+            raise table.error(0, "a latitude above 90 degrees: exchange the names of latitude and longitude")
         if np.nanmax(np.abs(lat_deg), initial=0.0) > 90.0:
             found["x_m"], found["y_m"] = found.pop("lon_deg"), found.pop("lat_deg")  # as UJIIndoorLoc has them
     return found
@@ -224,5 +249,8 @@ def _clock(table: DelimitedTable, name: str) -> tuple[str, FloatArray]:
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     likely = [one for one, s in SECONDS_IN.items() if unix_s(first * s) is not None]
     likely += [one for one, s in SECONDS_IN.items() if _STEPS_S[0] <= usual * s <= _STEPS_S[1]]
+    if stated not in SECONDS_IN and (stated or (FIRST_DAY < first < 4 * FIRST_DAY and np.ptp(times) < 1.0)):
+        t_s, first_s = clock_of(table, name, stated or "d")
+        return ("unix_s" if unix_s(first_s) is not None else "t_s"), first_s + t_s
     scale = SECONDS_IN[stated or next(iter(likely), "s")]
     return ("unix_s" if unix_s(first * scale) is not None else "t_s"), times * scale

@@ -25,7 +25,8 @@ MIN_DBM: Final = -127.0  # of the sensor `wifi`
 MAX_NUMBER: Final = 2**53  # exact as a float
 MAX_HEADER_BYTES: Final = 65_536  # UJIIndoorLoc names 520 access points
 _NOT_RECEIVED: Final = (100.0, 0.0)  # of UJIIndoorLoc; of tables that leave it blank in their own way
-_MAX_ABSENT_DBM: Final = -95.0  # a value below it that fills half of a table stands for none
+_MAX_ABSENT_DBM: Final = -95.0  # a value below it that fills half of a table, or lies apart, stands for none
+_APART_DB: Final = 5.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -128,7 +129,8 @@ def _by_reading(table: DelimitedTable) -> DelimitedTable:
         return table
     rssi_dbm = table.table(named)
     values, counts = np.unique(rssi_dbm[np.isfinite(rssi_dbm)], return_counts=True)
-    is_absent = (values < MIN_DBM) | (values < _MAX_ABSENT_DBM) & (counts >= counts.sum() / 2)
+    is_apart = (counts > 1) & (np.diff(values, append=0.0) >= _APART_DB)
+    is_absent = (values < MIN_DBM) | (values < _MAX_ABSENT_DBM) & ((counts >= counts.sum() / 2) | is_apart)
     scan, of = np.nonzero(np.isfinite(rssi_dbm) & ~np.isin(rssi_dbm, [*_NOT_RECEIVED, *values[is_absent]]))
     columns = {name: values[scan] for name, values in table.columns.items() if name not in named}
     readings = {SENDER: np.array(named, dtype=object)[of], STRENGTH: rssi_dbm[scan, of], "scan": scan}
