@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pdrbench.errors import PdrbenchError, UnsuitableError
     from pdrbench.evaluation import evaluate, replay, score
     from pdrbench.gym import check_localizer, check_task
+    from pdrbench.learning.windows import windows
     from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
     from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec, SensorStream
     from pdrbench.registry import make_localizer, make_task
@@ -36,6 +37,7 @@ _NAMES = {  # by module
     "errors": ("PdrbenchError", "UnsuitableError"),
     "evaluation": ("evaluate", "replay", "score"),
     "gym": ("check_localizer", "check_task"),
+    "learning.windows": ("windows",),
     "localizer": ("Briefing", "Estimate", "Localizer", "Observation"),
     "recording": ("MagneticMap", "RadioMap", "Recording", "SensorSpec", "SensorStream"),
     "registry": ("make_localizer", "make_task"),
@@ -75,6 +77,7 @@ __all__ = [
     "make_task",
     "replay",
     "score",
+    "windows",
 ]
 
 

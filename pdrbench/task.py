@@ -20,6 +20,7 @@ HELD_OUT = "heldout"
 NOISE_M = 0.01  # of a reference: that of a laser or a tape
 FILES_SHA256 = "files_sha256"  # of a walk, in what a result says of its origin
 SPLITS = ("train", "val", "test", HELD_OUT)
+KNOWN_SPLITS = SPLITS[:2]  # whose truth may be known
 MIN_SECRET_CHARACTERS = 32  # 128 bits in hex; its digest is public, so a short one could be guessed
 StartKnowledge = Literal["pose", "area", "unknown"]
 

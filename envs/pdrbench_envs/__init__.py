@@ -38,4 +38,8 @@ ENVIRONMENTS = {
 }
 
 # What the core asks for by name.
-EXCHANGES = {"add_kaggle_iln": "pdrbench_envs.retail.adding:add_kaggle_iln"}
+EXCHANGES = {
+    "add_kaggle_iln": "pdrbench_envs.retail.adding:add_kaggle_iln",
+    "kept_task": "pdrbench_envs.kept:kept_task",
+    "kept_windows": "pdrbench_envs.kept_windows:kept_windows",
+}

@@ -74,6 +74,13 @@ def write_whole(path: Path, content: bytes) -> None:
                 Path(temporary).unlink(missing_ok=True)
 
 
+def keep_whole(path: Path, content: bytes) -> None:
+    """Keeps a file for the next process, which makes it again where that is impossible."""
+    with contextlib.suppress(OSError, ResultError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+
+
 def load(path: Path | str) -> Result:
     """Reads a result.
 

@@ -15,10 +15,10 @@ import numpy as np
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.datasets.folders import cache_folder
 from pdrbench.episode import Episode
-from pdrbench.errors import REFUSALS, ResultError, UnsuitableError
+from pdrbench.errors import REFUSALS, UnsuitableError
 from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.origin import environment_version, localizer_target, package_sha256, target_sha256
-from pdrbench.evaluation.store import write_whole
+from pdrbench.evaluation.store import keep_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench.radio import survey_of_table
@@ -128,9 +128,5 @@ def _remembered() -> dict[str, str]:
 
 
 def _remember(known: dict[str, str]) -> None:
-    """Keeps it for the next process; where that is impossible, the next one tries again."""
-    try:
-        _file().parent.mkdir(parents=True, exist_ok=True)
-        write_whole(_file(), json.dumps(known).encode())
-    except (OSError, ResultError):
-        return
+    """Keeps it for the next process."""
+    keep_whole(_file(), json.dumps(known).encode())

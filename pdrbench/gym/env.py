@@ -29,7 +29,7 @@ from pdrbench.gym.spaces import (
 )
 from pdrbench.gym.walks import LEVEL_PENALTY_M, LOCALIZER_NAME, WalkOrder, chosen_walk, is_small, pad, target_of
 from pdrbench.localizer import Briefing, Estimate, Localizer
-from pdrbench.registry import make_task
+from pdrbench.registry import make_kept_task
 from pdrbench.result import Result
 from pdrbench.task import HELD_OUT, Task
 
@@ -73,7 +73,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
             claims: "heading", "sigma" and "converged" as far as actions carry them, in their order.
             render_mode: "human", "rgb_array" or None.
         """
-        self.task = make_task(task) if isinstance(task, str) else task
+        self.task = make_kept_task(task) if isinstance(task, str) else task
         self.split = split or self.task.default_split
         self.claims = claims if isinstance(claims, str) else tuple(claims)
         self.debug: Callable[[], Mapping[str, NDArray[Any]]] | None = None

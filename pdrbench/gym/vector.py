@@ -18,7 +18,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.gym.env import draw
 from pdrbench.gym.spaces import NOW, count_key, make_action_space, make_observation_space, to_rows
 from pdrbench.gym.walks import LEVEL_PENALTY_M, LOCALIZER_NAME, WalkOrder, chosen_walk, is_small, pad, target_of
-from pdrbench.registry import make_task
+from pdrbench.registry import make_kept_task
 from pdrbench.task import Task
 
 NEXT_STEP: Final = "NextStep"
@@ -63,7 +63,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
             raise unknown_name("render mode of a vector environment", str(render_mode), RENDER_MODES)
         if num_envs < 1:
             raise RecordingError(f"a vector environment has at least one environment; got num_envs={num_envs}")
-        self.task = make_task(task) if isinstance(task, str) else task
+        self.task = make_kept_task(task) if isinstance(task, str) else task
         self.split = split or self.task.default_split
         self.claims = tuple(claims)
         self.num_envs = num_envs

@@ -15,8 +15,7 @@ import numpy as np
 
 from pdrbench.datasets import cache_folder, datasets, find
 from pdrbench.datasets.catalogue import DataFile
-from pdrbench.errors import ResultError
-from pdrbench.evaluation.store import write_whole
+from pdrbench.evaluation.store import keep_whole
 from pdrbench.files import bytes_sha256
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.log import Log
@@ -155,14 +154,10 @@ def kept_arrays(place: Path, names: Sequence[str]) -> dict[str, Any] | None:
 
 
 def keep_arrays(place: Path, arrays: Mapping[str, Any]) -> None:
-    """Keeps what was parsed for the next process; where that is impossible, the next one parses again."""
+    """Keeps what was parsed for the next process."""
     content = io.BytesIO()
     np.savez(content, **arrays)
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(place, content.getvalue())
-    except (OSError, ResultError):
-        return
+    keep_whole(place, content.getvalue())
 
 
 def _parsed(paths: Sequence[str]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 from collections.abc import Iterable, Iterator
@@ -14,8 +13,8 @@ import msgspec
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.errors import MapError, PdrbenchError, RecordingError, ResultError
-from pdrbench.evaluation.store import write_whole
+from pdrbench.errors import MapError, PdrbenchError, RecordingError
+from pdrbench.evaluation.store import keep_whole
 from pdrbench.files import bytes_sha256
 from pdrbench.io.log import Log
 from pdrbench_envs.malls.surveys import ARRAYS, Scans, joined_scans, keep_arrays, kept_arrays, scans_of_walk
@@ -112,8 +111,7 @@ def _indexed(site: str, key: str) -> tuple[BuildingIndex, Scans]:
     if index is None or arrays is None:
         index, arrays = _made(sites()[site])
         keep_arrays(place.with_suffix(".npz"), arrays)
-        with contextlib.suppress(OSError, ResultError):  # where nothing can be kept the next process reads again
-            write_whole(place.with_suffix(".json"), msgspec.json.encode(index))
+        keep_whole(place.with_suffix(".json"), msgspec.json.encode(index))
     return index, Scans(tuple(index.path(walk) for walk in index.walks), **arrays)
 
 

@@ -13,9 +13,8 @@ import msgspec
 import numpy as np
 
 from pdrbench.datasets.folders import cache_folder
-from pdrbench.errors import ResultError
 from pdrbench.evaluation.origin import package_sha256
-from pdrbench.evaluation.store import write_whole
+from pdrbench.evaluation.store import keep_whole
 from pdrbench.io import READERS
 
 FOLDER: Final = "tasks"  # in the cache folder
@@ -57,14 +56,9 @@ class Index:
         return msgspec.json.decode(entry.facts, type=kind, dec_hook=_restored)
 
     def save(self) -> None:
-        """Keeps what was asked for; where that is impossible, the next process reads the files again."""
-        if self._asked == self._known:
-            return
-        try:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self._file, msgspec.json.encode(self._asked))
-        except (OSError, ResultError):
-            return
+        """Keeps what was asked for."""
+        if self._asked != self._known:
+            keep_whole(self._file, msgspec.json.encode(self._asked))
 
 
 def _stored(array: Any) -> tuple[str, tuple[int, ...], bytes]:
