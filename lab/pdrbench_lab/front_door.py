@@ -145,6 +145,8 @@ def true_errors(folder: Path, walk: Recording, is_turned: bool) -> dict[str, flo
     """Mean error of each path that was written, in metres, on the true path."""
     found = {}
     for file in sorted((folder / "out" / "paths").glob("*/*.csv")):
+        if file.stem == "reference":
+            continue
         rows = np.genfromtxt(file, delimiter=",", names=True)
         t_s, xy_m = rows["t_s"], np.column_stack([rows["x_m"], rows["y_m"]])
         at = np.column_stack([np.interp(walk.reference.t_s, t_s, axis) for axis in xy_m.T])
@@ -198,7 +200,7 @@ def main() -> None:
         walk = walks["pocket" if "pocket" in what else "foot" if "shoe" in what else "hand"]
         errors = true_errors(root / f"{number:02d}", walk, "--heading" not in words)
         named = line.removeprefix("believe ").partition(":")[0]
-        own = next((error for name, error in errors.items() if named in name), float("nan"))
+        own = errors.get(named.replace(" (offline)", "-offline"), float("nan"))
         least = min(errors.values(), default=float("nan"))
         right = named.startswith("no localizer") if "still" in what else own <= NEAR * least
         say(f"| {what} | {line} | {own:.2f} | {least:.2f} | {spent_s:.1f} | {'yes' if right else 'no'} |")

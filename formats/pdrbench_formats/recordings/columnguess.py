@@ -46,7 +46,8 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
     bases = {base: name for name, (base, _) in reversed(named.items())}
     plain = [bases.get(axis, "") for axis in "xyz"]
     kinds = {key[1] for key in whole}
-    if all(plain) and "gyro" in kinds and not kinds & {"accel", "linear"} and _is_force(table, plain):
+    is_taken = tuple(plain) in whole.values()  # by the gyroscope itself, 1 rad/s being as much as 1 g
+    if all(plain) and not is_taken and "gyro" in kinds and not kinds & {"accel", "linear"} and _is_force(table, plain):
         whole[2, "accel", ""] = tuple(plain)
         bases = {base: name for base, name in bases.items() if name not in plain}
         assumed.append("accel")
