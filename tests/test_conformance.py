@@ -131,7 +131,7 @@ def test_localizer_conforms(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert_passed(checks)
 
 
-@pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])
+@pytest.mark.parametrize("mode", ["sync", "async"])
 def test_make_vec_works_in_every_mode(mode: str) -> None:
     task = make_task(SMALL)
     envs = gymnasium.make_vec(f"pdrbench/{SMALL}", num_envs=2, vectorization_mode=mode)

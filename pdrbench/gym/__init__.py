@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from pdrbench.gym.registration import NAMESPACE, register_environments
     from pdrbench.gym.spaces import to_action, to_observation
     from pdrbench.gym.task_checks import check_task
-    from pdrbench.gym.vector import LocalizationVectorEnv
     from pdrbench.gym.wrappers import DenseWifi, LocalMap, RelativeAction, StartInObservation
 
 _HOMES = {
@@ -21,7 +20,6 @@ _HOMES = {
     "DenseWifi": "wrappers",
     "LocalMap": "wrappers",
     "LocalizationEnv": "env",
-    "LocalizationVectorEnv": "vector",
     "RelativeAction": "wrappers",
     "StartInObservation": "wrappers",
     "check_localizer": "localizer_checks",
@@ -38,7 +36,6 @@ __all__ = [
     "DenseWifi",
     "LocalMap",
     "LocalizationEnv",
-    "LocalizationVectorEnv",
     "RelativeAction",
     "StartInObservation",
     "check_localizer",

@@ -29,7 +29,6 @@ def register_environments() -> None:
             gymnasium.register(
                 id=full_name,
                 entry_point="pdrbench.gym.env:LocalizationEnv",
-                vector_entry_point="pdrbench.gym.vector:LocalizationVectorEnv",
                 kwargs={"task": name},
             )
         except gymnasium.error.Error as error:

@@ -17,7 +17,6 @@ from pdrbench.episode import CLOCK_SLACK_S, Episode, delivery_table
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.gym.checking import (
-    SEED,
     Check,
     RefutedError,
     by_env,
@@ -28,7 +27,6 @@ from pdrbench.gym.checking import (
     run_check,
 )
 from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.vector import LocalizationVectorEnv
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics.ranking import smallest_ratio
 from pdrbench.metrics.statistics import MIN_UNITS
@@ -92,7 +90,6 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         "its walks tell localizers apart": lambda: _tells_apart(task, loaded),
         "a seed fixes the order of walks": lambda: _seeded(cached),
         "both roads give the same estimates": lambda: _each(cached, _both_roads),
-        "the vector environment agrees": lambda: _vector(cached),
     }
     return [
         Check("walks load", True, f"{len(loaded)} looked at"),
@@ -422,29 +419,3 @@ def _both_roads(task: Task, recording: Recording) -> None:
     alone = only(task, recording)
     played, driven = by_episode(_Probe(), alone, recording), by_env(_Probe(), alone, recording)
     require_equal(played, driven, "env.step differs from Episode")
-
-
-def _vector(task: Task, num_envs: int = 2, steps: int = 60) -> None:
-    split = next(iter(task.walks))
-    native = LocalizationVectorEnv(num_envs, task, split)
-    single = [LocalizationEnv(task, split) for _ in range(num_envs)]
-    batch, _ = native.reset(seed=3)
-    for env, seed in zip(single, range(3, 3 + num_envs), strict=True):
-        observation, _ = env.reset(seed=seed)
-        _require_in_batch(observation, batch, seed - 3)
-    rng = np.random.default_rng(SEED)
-    for _ in range(steps):
-        actions = rng.uniform(-10.0, 10.0, (num_envs, 3))
-        batch, rewards, terminations, _, _ = native.step(actions)
-        for number, env in enumerate(single):
-            observation, reward, terminated, _, _ = env.step(actions[number])
-            _require_in_batch(observation, batch, number)
-            require(reward == rewards[number], f"environment {number}: reward {rewards[number]} instead of {reward}")
-            require(terminated == terminations[number], f"environment {number} ends at another step")
-        if terminations.any():
-            return
-
-
-def _require_in_batch(observation: Mapping[str, FloatArray], batch: Mapping[str, FloatArray], number: int) -> None:
-    for key, array in observation.items():
-        require(np.array_equal(array, batch[key][number]), f"environment {number}: array {key!r} differs")

@@ -16,7 +16,6 @@ def test_every_environment_is_registered_by_string() -> None:
     for name in ours:
         spec = gymnasium.registry[f"pdrbench/{name}"]
         assert spec.entry_point == "pdrbench.gym.env:LocalizationEnv"
-        assert spec.vector_entry_point == "pdrbench.gym.vector:LocalizationVectorEnv"
         assert spec.kwargs == {"task": name}
 
 

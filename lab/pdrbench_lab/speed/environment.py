@@ -1,4 +1,4 @@
-"""Time per step of an environment beside an empty one, of the vector environment beside SyncVectorEnv, of the import.
+"""Time per step of an environment beside an empty one, and of the import.
 
 The walks are made up, with the sensors of a phone: four minutes at 50 Hz, a scan of 330 access points every 2.2 s.
 """
@@ -16,7 +16,6 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.vector import LocalizationVectorEnv
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
@@ -24,7 +23,6 @@ from pdrbench.trajectory import Start, Trajectory
 from pdrbench_lab.speed.timing import Timing
 
 CAPACITY: Final = {"accel": 32, "gyro": 32, "mag": 32, "rotation": 32, "wifi": 1024, "ble": 64}
-NUM_ENVS: Final = 64
 LENGTH_S: Final = 240.0
 MAX_STEPS: Final = 1200  # of a walk that are timed
 IMPORT: Final = "import time; began_s = time.perf_counter(); import {}; print(time.perf_counter() - began_s)"
@@ -50,21 +48,16 @@ def run(quick: bool, report: Callable[[str], None]) -> list[Timing]:
     """All rows; `report` is called with what comes next."""
     task = made_up_task()
     rounds = 2 if quick else 8
-    action, actions = np.zeros(3), np.zeros((NUM_ENVS, 3))
+    action = np.zeros(3)
     gymnasium.register("pdrbench-bench/Empty-v0", lambda **options: EmptyEnv())
     gymnasium.register("pdrbench-bench/Walk-v0", lambda **options: LocalizationEnv(task, **options))
     report("steps of an environment")
     empty_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Empty-v0"), action), rounds)
     step_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Walk-v0"), action), rounds)
-    report(f"steps of {NUM_ENVS} environments")
-    maker = [lambda: gymnasium.make("pdrbench-bench/Walk-v0")] * NUM_ENVS
-    sync_us = best_us(lambda: (gymnasium.vector.SyncVectorEnv(maker), actions), rounds, 200) / NUM_ENVS
-    native_us = best_us(lambda: (LocalizationVectorEnv(NUM_ENVS, task), actions), rounds, 200) / NUM_ENVS
     report("imports")
     ours_s, numpy_s = (min(import_s(name) for _ in range(1 + rounds)) for name in ("pdrbench", "numpy"))
     return [
         Timing("step", step_us, "us", "a step of an empty environment", empty_us / step_us),
-        Timing("vector_step", native_us, "us a walk", f"SyncVectorEnv of {NUM_ENVS}", sync_us / native_us),
         Timing("import", ours_s, "s", "import numpy", numpy_s / ours_s),
     ]
 
