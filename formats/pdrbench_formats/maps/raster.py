@@ -279,7 +279,12 @@ def _add_free(
         return to_m(np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]])) + origin_m
 
     pixels = MIN_AREA_M2 / to_m.scale**2
-    free = ~_without_specks(~_without_specks(free, pixels), MIN_HOLE_PIXELS + 1, np.ones((3, 3)))
+    free, num_parts = _without_specks(free, pixels)
+    walls, num_holes = _without_specks(~free, MIN_HOLE_PIXELS + 1, np.ones((3, 3)))
+    free = ~walls
+    for count, what in ((num_parts, "parts of the floor"), (num_holes, "holes in it")):
+        if count > MAX_PARTS:
+            builder.note("picture", f"{count} {what}: all but the {MAX_PARTS} largest are left out", level)
     polygons = [polygon for polygon in trace(free) if polygon.area * to_m.scale**2 >= MIN_AREA_M2]
     if not polygons:
         raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
@@ -292,13 +297,14 @@ def _add_free(
         builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{number}", walled=False)
 
 
-def _without_specks(mask: BoolArray, pixels: float, beside: Any = None) -> BoolArray:
-    """(H, W) without the parts of fewer pixels, and without all but the largest: neither is meant."""
+def _without_specks(mask: BoolArray, pixels: float, beside: Any = None) -> tuple[BoolArray, int]:
+    """(H, W) without the parts of fewer pixels, and without all but the largest; how many are not smaller."""
     parts, _ = ndimage.label(mask, beside)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0  # what is no part
+    count = int((sizes >= pixels).sum())
     sizes[np.argsort(-sizes, kind="stable")[MAX_PARTS:]] = 0
-    return np.asarray((sizes >= pixels)[parts])
+    return (sizes >= pixels)[parts], count
 
 
 def trace(mask: BoolArray) -> list[Any]:
