@@ -62,7 +62,7 @@ def kept_task(name: str) -> Task:
 
 @functools.cache
 def kept_folder(kind: str) -> Path:
-    """For what the sources and libraries of today make; what others made and nobody used for a week is removed."""
+    """For what the sources and libraries of today make; what others made is removed after a week without use."""
     facts = [*map(package_sha256, MAKERS), *map(version, LIBRARIES), platform.python_version()]
     folder = cache_folder() / kind / hashlib.sha256("\n".join(facts).encode()).hexdigest()[:16]
     with contextlib.suppress(OSError):

@@ -11,7 +11,6 @@ from pdrbench.errors import DatasetError, UnsuitableError
 OURS: Final = "pdrbench"  # the distribution whose code is trusted
 BROKEN: Final = "it is broken"
 SCORED_SPLIT: Final = "test"  # where none is named
-PUBLIC_SPLITS: Final = ("train", "val")  # whose reference a localizer may be given
 
 
 def ready_environment(name: str, split: str | None) -> str:
@@ -97,6 +96,7 @@ def sorted_out(
     """Localizers to run, and the reason by name of those that are left out; raises as `ready_localizers`."""
     from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken, canonical_localizer
     from pdrbench.registry import localizers as registered
+    from pdrbench.task import KNOWN_SPLITS
 
     chosen = []
     reasons = {} if named else {name: f"{BROKEN}: {why}" for name, why in broken(LOCALIZERS_GROUP).items()}
@@ -108,7 +108,7 @@ def sorted_out(
                 raise
             reasons[name] = f"{BROKEN}: {error}"
             continue
-        if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
+        if hasattr(found, "tell") and split not in KNOWN_SPLITS:
             reasons[name] = (
                 f"it is given the reference, which the {split or SCORED_SPLIT!r} split withholds: "
                 f"it runs with --split train, and in `pdrbench check env`"

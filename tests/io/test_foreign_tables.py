@@ -10,6 +10,7 @@ import recording_samples as samples
 
 from pdrbench.errors import RecordingError
 from pdrbench_formats.detect import detect, read
+from pdrbench_formats.recordings.delimited import read_delimited
 
 Rows = dict[str, np.ndarray]
 
@@ -196,3 +197,9 @@ def test_numbers_that_are_none_are_left_out_or_refused(tmp_path: Path, value: st
             assert "a.csv" in str(error)
         else:
             assert sum(log.report.dropped.values()) or any(found.severity == "error" for found in log.findings)
+
+
+def test_a_point_that_parts_thousands_parts_those_of_smaller_numbers_too(tmp_path: Path) -> None:
+    content = b"t;x;y\n0;1.234;1,5\n1;1.234.567;2,5\n2;12;3,5\n"
+    table = read_delimited(content, tmp_path / "a.csv")
+    assert table.numbers("x").tolist() == [1234.0, 1234567.0, 12.0]

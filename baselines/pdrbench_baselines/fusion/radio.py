@@ -135,7 +135,7 @@ class RadioEvidence:
         return min(1.0, since_s / NEWS_S)
 
     def elsewhere(self, log_likelihood: FloatArray) -> float:
-        """Log-likelihood of a scan, that on the lattice (N, K) given: off the floor, or where nobody surveyed."""
+        """Log-likelihood of a scan, that on the lattice (N, K) given: off the floor, or off the survey."""
         if self.building is not None:
             return float(log_likelihood.min())
         return math.log(self._off_legs * float(np.exp(log_likelihood[log_likelihood > MIN_LOG]).mean()))

@@ -186,7 +186,7 @@ class _Level:
         self._is_ready = False
 
     def get_ready(self) -> None:
-        """Computes what all access points share, once: of some levels nothing is ever asked."""
+        """Computes what all access points have in common, once: of some levels nothing is ever asked."""
         if self._is_ready:
             return
         p, self._is_ready = self._params, True
@@ -218,12 +218,12 @@ class _Level:
             return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
         place = self._place[:, own]  # ascending, most of them several times
         last = np.flatnonzero(np.append(place[1:] != place[:-1], True))
-        place, share = place[last], np.diff(last, prepend=-1) / p.draws
+        place, fraction = place[last], np.diff(last, prepend=-1) / p.draws
         new = place[~self._has_loss[place]]
         if len(new):
             self._to_lattice[new], self._has_loss[new] = _loss(self._grid_m[new], self.lattice_m), True
         each_dbm = self._level_dbm[place, own, None] + self._exponent[place, own, None] * self._to_lattice[place]
-        path_loss_dbm = share @ each_dbm
+        path_loss_dbm = fraction @ each_dbm
         mean_dbm = path_loss_dbm.copy()
         near = mean_dbm > p.weakest_dbm - 4.0
         received = self._received[:, own]
@@ -238,7 +238,7 @@ class _Level:
         kept = np.flatnonzero(near & (mean_dbm > p.weakest_dbm))
         # X L^T = B of the places that are kept, in the order of memory that is at hand
         known = strsm(1.0, factor, cross.take(kept, axis=1).T, side=True, lower=True, trans_a=True, overwrite_b=True)
-        variance_db2 = share @ (each_dbm[:, kept] - path_loss_dbm[kept]) ** 2
+        variance_db2 = fraction @ (each_dbm[:, kept] - path_loss_dbm[kept]) ** 2
         variance_db2 += p.shadow_db**2 - np.einsum("nc,nc->n", known, known)
         return kept, mean_dbm[kept], variance_db2
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pdrbench_sim.people.strides import Stances
 
 STRIDE_PERIOD_S: Final = 0.2
-FOOT_PERIOD_S: Final = 0.2  # a stance is longer: third quartiles are those of 20 Hz within 0.4 %
+FOOT_PERIOD_S: Final = 0.2  # a stance is longer: third quartiles are those of 20 Hz within 0.4 %, 8 val walks
 PHONE_PERIOD_S: Final = 0.2  # as the recorded walks with a phone have it
 # Of rest after a stride is reported, so that the next observation finds the foot at rest.
 HOLD_S: Final = STRIDE_PERIOD_S + 0.01

@@ -113,7 +113,6 @@ class BodyMotion:
 
     def fine(self, coarse: FloatArray) -> FloatArray:
         """(n, ...) coarse samples at the fine times."""
-
         from scipy.interpolate import CubicSpline
 
         return np.asarray(CubicSpline(self.coarse_s, coarse)(self.t_s))

@@ -78,7 +78,6 @@ class Gait:
 
 def smooth(values: FloatArray, sigma_s: float) -> FloatArray:
     """(n, ...) coarse samples smoothed by a Gaussian in time; the ends last on."""
-
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(values, sigma_s * COARSE_HZ, axis=0, mode="nearest"))
@@ -92,7 +91,6 @@ def ease(fraction: FloatArray) -> FloatArray:
 
 def gait_of(walk: SimulatedWalk, feet: tuple[Stances, Stances], path: BodyPath) -> Gait:
     """The rhythm of a walk from the times at which its feet rest; `path` is the way of its body at `COARSE_HZ`."""
-
     from scipy.interpolate import PchipInterpolator
 
     t_s = path.t_s
@@ -162,7 +160,6 @@ def trunk_of(
         variation: Part of the variation from step to step that arrives.
         overtones: Part of the harmonics of the step rate that arrives.
     """
-
     from scipy.interpolate import CubicSpline
 
     personal, *varying = rng.spawn(3 + len(params.harmonics))

@@ -83,7 +83,6 @@ def smooth_noise(t_s: FloatArray, rng: np.random.Generator, correlation_s: float
         rng: Draws it.
         correlation_s: Of the autoregression.
     """
-
     from scipy.interpolate import BSpline
 
     step_s = correlation_s / _KNOTS

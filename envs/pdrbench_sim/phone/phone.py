@@ -58,7 +58,6 @@ def phone_motion(
         UnknownNameError: There is no such place to carry a phone.
         MotionError: No place, or switches nearer to each other than `SWITCH_S`.
     """
-
     from scipy.interpolate import CubicSpline
 
     _check_carry(carry)

@@ -129,7 +129,6 @@ def _in_run_bias(
     errors: SensorErrors, count: int, rate_hz: float, markov: np.random.Generator, walk: np.random.Generator
 ) -> FloatArray:
     """(count, 3) Gauss-Markov process, stationary from the start, plus a random walk from 0."""
-
     from scipy.signal import lfilter
 
     keeps = math.exp(-1 / (rate_hz * errors.instability_s))
@@ -147,7 +146,6 @@ def _sampled(
     t_s: FloatArray, ideal: FloatArray, bandwidth_hz: float, internal_hz: float, sampled_s: FloatArray
 ) -> FloatArray:
     """(m, 3) ideal signals behind a second-order Butterworth low-pass, at other times."""
-
     from scipy.signal import butter, sosfilt, sosfilt_zi
 
     if bandwidth_hz < math.inf:

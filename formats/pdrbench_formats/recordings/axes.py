@@ -134,7 +134,6 @@ def _losses(frames: FloatArray, counts: FloatArray, vectors: FloatArray) -> dict
 
 def _frames(omega: FloatArray) -> FloatArray:
     """(F, B, N, 3, 3) matrices at the middle of each bin for each of `_FACTORS`, from rates (B, N, 3) of blocks."""
-
     from scipy.spatial.transform import Rotation
 
     q = _attitudes(np.concatenate([factor * omega for factor in _FACTORS]))

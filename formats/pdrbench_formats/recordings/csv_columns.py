@@ -112,10 +112,11 @@ def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Se
     """Refuses a table without a time, and one whose header states a unit of time that its steps contradict."""
     few = _few_times(table, found)
     if few:
+        rated = msgspec.structs.replace(found, time="", time_unit="s", rate_hz=few[1]) if few[1] else None
+        remedy = f", or state the rate in place of the time:\n{_indented(rated)}" if rated else ""
         raise RecordingError(
             f"{path}: line {table.first_line}: {found.time!r} has the same time in {few[0]:.0f} of 100 rows, as where "
-            f"a spreadsheet cut it; export the file again, or state the rate in place of the time:\n"
-            f"{_indented(msgspec.structs.replace(found, time='', time_unit='s', rate_hz=few[1]))}"
+            f"a spreadsheet cut it; export the file again{remedy}"
         )
     if not found.time:
         choice = [name for name in ("accel", "gyro", "mag", "rotation") if name in assumed]
@@ -135,7 +136,7 @@ def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Se
 
 
 def _few_times(table: DelimitedTable, found: ColumnMap) -> tuple[float, float] | None:
-    """Percent of rows with the time of the row before, and rows a second; None where times tell most rows apart."""
+    """Percent of rows with the time of the row before, and rows a second (0: unknown); None where most times differ."""
     if not found.time:
         return None
     beginning = replace(table, columns={found.time: table.columns[found.time][: 10 * _MAX_SEEN]})
@@ -144,7 +145,7 @@ def _few_times(table: DelimitedTable, found: ColumnMap) -> tuple[float, float] |
     if len(changes) > (1.0 - _SAME_TIMES) * len(t_s) or len(t_s) < MIN_ROWS:
         return None
     span_s = float(t_s[changes[-1] + 1] - t_s[changes[0] + 1]) if len(changes) > 1 else 0.0
-    rate_hz = (changes[-1] - changes[0]) / span_s if span_s > 0.0 else 100.0
+    rate_hz = (changes[-1] - changes[0]) / span_s if span_s > 0.0 else 0.0
     return 100.0 * (1.0 - (1 + len(changes)) / len(t_s)), float(f"{rate_hz:.4g}")
 
 

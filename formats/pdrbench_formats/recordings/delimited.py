@@ -96,8 +96,10 @@ class DelimitedTable:
         rows = np.flatnonzero(np.isnan(numbers)).tolist()
         odd = [row for row in rows if _text(values[row]).lower().lstrip("+-") not in _MISSING]
         if odd and (mark := _thousands_of([_text(values[row]) for row in odd])):
-            numbers = numbers.copy()
-            numbers[odd] = [float(_text(values[row]).replace(mark, "").replace(",", ".")) for row in odd]
+            form = re.compile(_THOUSANDS[mark])  # 1.234 is a number too, and another one
+            parted = (text.replace(mark, "") if form.fullmatch(text) else text for text in self.texts(name))
+            texts = pd.Series([text.replace(",", ".") for text in parted])
+            numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=np.float64)
             odd = []
         if len(odd) > (0 if self.exact else most_odd(len(numbers))):
             came = _text(values[odd[0]])
