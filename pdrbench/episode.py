@@ -435,7 +435,8 @@ def play(
                 answer = localizer.step(observation)
             step_s.append(time.perf_counter() - began)
             episode.submit(answer)
-            episode.check_first_answers(may_wait=hasattr(localizer, "revise"), place=place_of_step(localizer))
+            if episode.num_answered == FIRST_ANSWERS:
+                episode.check_first_answers(may_wait=hasattr(localizer, "revise"), place=place_of_step(localizer))
     except UnsuitableError as error:
         status, failure = UNSUITABLE, str(error)
         if episode.num_answered:

@@ -33,6 +33,11 @@ class Entrant:
         return split_name(self.spec)[0] in localizers()
 
     @property
+    def is_ours(self) -> bool:
+        """Whether it comes with pdrbench itself."""
+        return self.is_registered and localizers()[split_name(self.spec)[0]].package == OURS
+
+    @property
     def is_here(self) -> bool:
         """False where it names a localizer that is not installed, or that declines already when it is made.
 

@@ -118,8 +118,8 @@ def _check(result: Result, index: Index) -> None:
     if not np.allclose(result.estimates.t_s, observed_s, rtol=0.0, atol=CLOCK_S):
         raise ResultError("answers are not at the times of observations")
     child = dict(result.provenance.get("child") or {})  # type: ignore[call-overload]
-    facts = (result.localizer, result.failure, result.reset_s, child.get("cpu_s"))
-    msgspec.convert(facts, tuple[str, str, float, float | None])
+    facts = (result.localizer, result.failure, result.reset_s, child.get("cpu_s"), result.provenance.get("cpu_s"))
+    msgspec.convert(facts, tuple[str, str, float, float | None, float | None])
     for name in ("versions", "machine"):
         msgspec.convert(result.provenance[name], dict[Name, Remark | int])
     msgspec.convert(result.provenance["isolation"], dict[str, str | list[str] | dict[str, str]])

@@ -152,7 +152,7 @@ def _found_s(estimates: Estimates, truth: Truth) -> float:
 def _cpu_s(result: Result) -> float:
     """Processor time of a localizer on a walk; the time that its calls took where the former is not known."""
     child: Any = result.provenance.get("child")
-    known = child.get("cpu_s") if isinstance(child, Mapping) else None
+    known: Any = child.get("cpu_s") if isinstance(child, Mapping) else result.provenance.get("cpu_s")
     return float(known) if known else float(np.nansum([result.reset_s, np.nansum(result.step_s)]))
 
 

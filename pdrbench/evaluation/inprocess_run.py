@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import time
 import traceback
 from collections.abc import Mapping
 from typing import IO, Any
@@ -26,7 +28,12 @@ from pdrbench.settings import with_settings_of
 
 def compute_in_process(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
     """The work of a job with the localizer in this process, which it may take down."""
-    result = refused(job, memory) or _play(job, memory)
+    result = refused(job, memory)
+    if result is None:
+        began_s = time.process_time()
+        result = _play(job, memory)
+        cpu_s = round(time.process_time() - began_s, 3)
+        result = dataclasses.replace(result, provenance={**result.provenance, "cpu_s": cpu_s})
     return result.status, store.encode(result)
 
 

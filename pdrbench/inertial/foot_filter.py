@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -257,7 +258,7 @@ class FootFilter:
         if self._field is not None and field is not None and begin < len(t_s):
             rows = slice(begin, None)
             used[rows] = self._field.choose(t_s[rows], accel[rows], field[rows], rest.sigma_mps[rows])
-        samples, is_carried = self._gaps.fill(np.column_stack([t_s, accel, gyro]))
+        samples, is_carried = self._gaps.fill(np.concatenate([t_s[:, None], accel, gyro], axis=1))
         if not is_carried.any():
             return Piece(begin, empty_states(t_s, rest, begin), accel, gyro, used, is_carried)
         at = np.flatnonzero(~is_carried)
@@ -391,9 +392,15 @@ def run(
         states.x,
         states.cov,
         states.nis,
-        record or empty_record(0, len(memory.cov)),
+        record or no_record(len(memory.cov)),
         record is not None,
     )
+
+
+@functools.cache
+def no_record(num_states: int) -> Record:
+    """For a pass that keeps nothing."""
+    return empty_record(0, num_states)
 
 
 def empty_record(count: int, num_states: int) -> Record:

@@ -42,8 +42,12 @@ class GapFiller:
         """
         if self._longest_s <= 0:
             return rows, np.zeros(len(rows), dtype=bool)
-        steps_s = np.diff(rows[:, 0], prepend=self._seen[-1][-1:, 0] if len(self._seen[-1]) else rows[:1, 0])
+        t_s = np.concatenate([self._seen[-1][-1:, 0] if len(self._seen[-1]) else rows[:1, 0], rows[:, 0]])
+        steps_s = t_s[1:] - t_s[:-1]
         gaps = np.flatnonzero((steps_s > self._shortest_s) & (steps_s <= self._longest_s))
+        if not len(gaps):
+            self._remember(rows)
+            return rows, np.zeros(len(rows), dtype=bool)
         parts: list[FloatArray] = []
         is_made: list[BoolArray] = []
         for piece in np.split(rows, gaps):  # the first comes before the first gap, and may be empty

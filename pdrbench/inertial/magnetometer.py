@@ -49,16 +49,17 @@ class FieldGate:
         p = self._params
         used = np.full_like(field, np.nan)
         rests = np.flatnonzero(np.isfinite(sigma_mps) & (sigma_mps < 0.1) & np.isfinite(field).all(axis=1))
-        for k in rests.tolist():
-            if t_s[k] - self._used_s < p.every_s:
-                continue
-            strength_ut = float(np.linalg.norm(field[k]))
-            sine = float(field[k] @ accel[k]) / max(strength_ut * float(np.linalg.norm(accel[k])), 1e-12)
-            dip_rad = math.asin(min(max(sine, -1.0), 1.0))
-            if math.isnan(self._strength_ut):
-                self._strength_ut, self._dip_rad = strength_ut, dip_rad
-            is_strong = abs(strength_ut - self._strength_ut) < p.strength_fraction * self._strength_ut
-            if is_strong and abs(dip_rad - self._dip_rad) < p.dip_rad:
+        if not len(rests) or t_s[rests[-1]] - self._used_s < p.every_s:
+            return used
+        seen, force = field[rests], accel[rests]
+        strength_ut = np.linalg.norm(seen, axis=1)
+        sine = (seen * force).sum(axis=1) / np.maximum(strength_ut * np.linalg.norm(force, axis=1), 1e-12)
+        dip_rad = np.arcsin(sine.clip(-1.0, 1.0))
+        if math.isnan(self._strength_ut):
+            self._strength_ut, self._dip_rad = float(strength_ut[0]), float(dip_rad[0])
+        is_strong = np.abs(strength_ut - self._strength_ut) < p.strength_fraction * self._strength_ut
+        for k in rests[is_strong & (np.abs(dip_rad - self._dip_rad) < p.dip_rad)].tolist():
+            if t_s[k] - self._used_s >= p.every_s:
                 used[k] = field[k]
                 self._used_s = float(t_s[k])
         return used

@@ -13,11 +13,12 @@ MOVES_RADPS: Final = 0.5  # a foot or a hand that turns faster never shows six e
 
 def is_repeat(samples: FloatArray, before: FloatArray) -> BoolArray:
     """(n,) whether a sample (n, 6) is the one before it again, which some units send in place of one that was lost."""
-    earlier = np.concatenate([before, samples])[-len(samples) - 1 : -1] if len(before) else samples[:-1]
-    first = len(samples) - len(earlier)
-    at = first + np.flatnonzero(samples[first:, 3] == earlier[:, 3])
-    at = at[(samples[at] == earlier[at - first]).all(axis=1) & (np.linalg.norm(samples[at, 3:], axis=1) > MOVES_RADPS)]
-    return np.bincount(at, minlength=len(samples)).astype(np.bool_)
+    both, is_again = np.concatenate([before, samples]), np.zeros(len(samples), dtype=np.bool_)
+    at = np.flatnonzero(both[1:, 3] == both[:-1, 3]) + 1
+    if len(at):
+        at = at[(both[at] == both[at - 1]).all(axis=1) & (np.linalg.norm(both[at, 3:], axis=1) > MOVES_RADPS)]
+        is_again[at - len(before)] = True
+    return is_again
 
 
 class SamplePairs:
@@ -43,11 +44,11 @@ class SamplePairs:
             return pairs
         is_again = is_repeat(pairs[:, 1:], self._last)
         self._last = pairs[-1:, 1:]
-        return pairs[~is_again]
+        return pairs[~is_again] if is_again.any() else pairs
 
     def _pairs(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:
         if not len(self._waiting) and np.array_equal(accel[:, 0], gyro[:, 0]):
-            return np.column_stack([accel, gyro[:, 1:4]])
+            return np.concatenate([accel, gyro[:, 1:4]], axis=1)
         self._waiting = np.concatenate([self._waiting, accel])
         self._rate = np.concatenate([self._rate, gyro])
         if not len(self._rate):

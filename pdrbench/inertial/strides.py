@@ -103,11 +103,11 @@ class StrideSegmenter:
 
     def __init__(self, params: StrideParams = STRIDES) -> None:
         self._params = params
-        self._stood: FloatArray | None = None  # where the foot stood last
-        self._rest: FloatArray | None = None  # the best moment of the rest that goes on
-        self._slowest: FloatArray | None = None  # the best moment of a running foot's stance
+        self._stood: list[float] | None = None  # where the foot stood last
+        self._rest: list[float] | None = None  # the best moment of the rest that goes on
+        self._slowest: list[float] | None = None  # the best moment of a running foot's stance
         self._rest_s, self._rested_s = math.nan, -math.inf  # since when it goes on; when the foot rested last
-        self._held: FloatArray | None = None  # the best moment of a running foot's stance that may be no rest
+        self._held: list[float] | None = None  # the best moment of a running foot's stance that may be no rest
         self._held_s = math.nan  # when that was over
         self._is_reported = False
         self._heading_rad, self._is_first = math.nan, True
@@ -115,14 +115,15 @@ class StrideSegmenter:
     def update(self, states: FootStates) -> Strides:
         """The strides that are known after the next n states."""
         found: list[tuple[float, ...]] = []
-        columns = [states.t_s, states.position_m, twist_rad(states.quaternion), states.rest.sigma_mps]
-        for row in np.column_stack(columns):
+        yaw_rad, sigma_mps = twist_rad(states.quaternion)[:, None], states.rest.sigma_mps[:, None]
+        columns = [states.t_s[:, None], states.position_m, yaw_rad, sigma_mps]
+        for row in np.concatenate(columns, axis=1).tolist():
             if not math.isnan(row[1]):
                 self._take(row, found)
         fields = np.array(found).reshape(-1, 15).T
         return Strides._make([*fields[:9], fields[9:12].T.copy(), fields[12:15].T.copy()])
 
-    def _take(self, row: FloatArray, found: list[tuple[float, ...]]) -> None:
+    def _take(self, row: list[float], found: list[tuple[float, ...]]) -> None:
         p, now_s, sigma = self._params, row[0], row[-1]
         if self._held is not None and now_s - self._held_s >= p.settle_s:
             self._report(self._held, now_s, found)
@@ -151,29 +152,29 @@ class StrideSegmenter:
                 self._report(self._held, now_s, found)
                 self._held = None
 
-    def _report(self, rest: FloatArray, now_s: float, found: list[tuple[float, ...]]) -> None:
+    def _report(self, rest: list[float], now_s: float, found: list[tuple[float, ...]]) -> None:
         """Adds the stride to a rest, if there was one."""
         stood = self._stood
         if stood is None:
             self._stood = rest
             return
-        moved = rest[1:4] - stood[1:4]
-        length_m = math.hypot(moved[0], moved[1])
-        if math.hypot(length_m, moved[2]) < self._params.moved_m:
+        moved_x, moved_y, rise_m = (now - before for now, before in zip(rest[1:4], stood[1:4], strict=True))
+        length_m = math.hypot(moved_x, moved_y)
+        if math.hypot(length_m, rise_m) < self._params.moved_m:
             return
         if rest[0] - stood[0] < self._params.same_stance_s and length_m < self._params.same_stance_m:
             return
         yaw_turn_rad = float(wrap_rad(rest[4] - stood[4]))
         turn_rad = yaw_turn_rad
         if length_m >= self._params.in_place_m:
-            heading_rad = math.atan2(moved[1], moved[0])
+            heading_rad = math.atan2(moved_y, moved_x)
             turn_rad = 0.0 if self._is_first else float(wrap_rad(heading_rad - self._heading_rad))
             self._heading_rad, self._is_first = heading_rad, False
         elif self._is_first:
-            turn_rad, heading_rad = 0.0, math.atan2(moved[1], moved[0])
+            turn_rad, heading_rad = 0.0, math.atan2(moved_y, moved_x)
         else:
             self._heading_rad = heading_rad = float(wrap_rad(self._heading_rad + yaw_turn_rad))
-        stride = (stood[0], rest[0], now_s, length_m, moved[2], turn_rad, heading_rad, rest[4], yaw_turn_rad)
+        stride = (stood[0], rest[0], now_s, length_m, rise_m, turn_rad, heading_rad, rest[4], yaw_turn_rad)
         found.append((*stride, *rest[1:4], *stood[1:4]))
         self._stood = rest
 

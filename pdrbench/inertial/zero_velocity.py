@@ -143,7 +143,7 @@ class RestDetector:
         """
         d, known = self._detector, len(self._tail)
         t_s = np.array(t_s)  # for a read-only array, or a column of a table, the kernel would be compiled again
-        both = np.concatenate([self._tail, np.column_stack([accel, gyro])])
+        both = np.concatenate([self._tail, np.concatenate([accel, gyro], axis=1)])
         self._tail = both[max(len(both) - self._rows + 1, 0) :].copy()
         a, w = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
         scales = (d.sigma_accel_mps2, d.sigma_gyro_radps, GRAVITY_MPS2)

@@ -24,6 +24,7 @@ from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.checking import check_board, compare_entries, disagree
 from pdrbench_leaderboard.confine.read_permissions import hidden_places
 from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
+from pdrbench_leaderboard.entrants import Entrant
 from pdrbench_leaderboard.run import Settings, run
 from pdrbench_leaderboard.signing import new_key
 from pdrbench_leaderboard.standings import read_tables
@@ -173,6 +174,10 @@ def test_registered_localizers_bring_their_card_and_others_need_one(
         list(run([TOY], [f"{submitted}:Mine"], settings))
     entry, card = record.read_entry(played.root / "toy" / STAY)
     assert (entry.spec, card.name) == (STAY, STAY)
+    usual = dataclasses.replace(settings, isolation=None)
+    card = card_named("mine")
+    runs_in = [usual.isolation_of(Entrant(spec, card)) for spec in ("li2012?map=false", f"{submitted}:Mine")]
+    assert runs_in == ["none", "confined"], "what comes with pdrbench needs no process of its own"
 
 
 def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(

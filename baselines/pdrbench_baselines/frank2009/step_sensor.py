@@ -130,6 +130,8 @@ def _at_samples(mag: FloatArray | None, t_s: FloatArray) -> FloatArray | None:
     """(n, 3) the magnetic field at the nearest sample within half a period of one, NaN elsewhere."""
     if mag is None:
         return None
+    if np.array_equal(mag[:, 0], t_s):
+        return mag[:, 1:4].copy()
     field = np.full((len(t_s), 3), np.nan)
     if len(mag):
         half_s = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.005
