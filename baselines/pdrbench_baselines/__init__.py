@@ -40,7 +40,7 @@ LOCALIZERS = {
     "li2012_smooth": "renamed:li2012?generic=true",
     "viterbi_map": "renamed:fusion",
     "viterbi_map_smooth": "renamed:fusion",
-    "wlan_frank2009_penalised": "renamed:wlan_frank2009?unknown=penalise",
+    "wlan_frank2009_penalised": "renamed:wlan_frank2009",
     "woodman2008_drift": "renamed:woodman2008?learns_drift=true",
     "woodman2008_smooth": "renamed:woodman2008",
 }

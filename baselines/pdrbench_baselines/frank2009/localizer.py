@@ -36,16 +36,15 @@ class FingerprintingParams:
         survey_age_s: Older readings of the survey were received somewhere else.
         scan_age_s: Older readings are of an earlier scan. The paper's scanner repeats nothing.
         votes: Whether the best of three is answered (F5) or each scan's own point.
-        unknown: How an access point of the scan counts that a fingerprint lacks: "ignore" as eq. (1) says, "penalise"
-            as one of -100 dBm there (F4). With "ignore", fingerprints of few access points are near to every scan: it
-            needs a survey that receives the same access points everywhere; take "penalise" for one of many access
-            points, each received in a few places.
+        unknown: How an access point of the scan counts that a fingerprint lacks: "penalise" as one of -100 dBm there,
+            or "ignore" as eq. (1) says to the letter (F4): fingerprints of few access points are then near to every
+            scan, which suits a survey that receives the same access points everywhere, and no other.
     """
 
     survey_age_s: float = 12.0  # as `wifi_knn`; chosen on the train walks of MallPhoneLost-v2
     scan_age_s: float = 4.0  # ours: a sweep of a phone, and its delivery
     votes: bool = True
-    unknown: Literal["ignore", "penalise"] = "ignore"
+    unknown: Literal["ignore", "penalise"] = "penalise"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +22,13 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.registry import make_task
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.frank2009.ekf import moved, moved_jacobian
-from pdrbench_baselines.frank2009.localizer import LOWER, Frank2009, Frank2009Params, WlanFrank2009
+from pdrbench_baselines.frank2009.localizer import (
+    LOWER,
+    FingerprintingParams,
+    Frank2009,
+    Frank2009Params,
+    WlanFrank2009,
+)
 from pdrbench_baselines.frank2009.step_sensor import FootSteps
 from pdrbench_lab.papers.paper_walks import walk_of
 
@@ -33,6 +40,8 @@ TURNED_BY_RAD: Final = math.radians(40.0)  # F8: of the sensor about its z axis,
 MINUTE_S: Final = 60.0  # of a walk, where so much is enough
 BESIDE_M: Final = 0.5  # F2
 FAR_M: Final = 4.0  # F2
+LETTER: Final = FingerprintingParams(unknown="ignore")  # F4, eq. (1) as it stands
+CASCADE: Final = Frank2009Params(wlan=LETTER)
 
 
 def answers(localizer: Localizer, recording: Recording, briefing: Briefing, until_s: float = math.inf) -> FloatArray:
@@ -66,12 +75,12 @@ def recorded(seed: int, count: int) -> IntArray:
 def hallway(seed: int) -> dict[str, Any]:
     """F1, F2, F10: both localizers, and the robust one, on the same walk."""
     recording, briefing = walk_of(ENV, seed)
-    cascade = Frank2009()
+    cascade = Frank2009(CASCADE)
     numbers: dict[str, Any] = {}
     made: dict[str, Localizer] = {
-        "wlan": WlanFrank2009(),
+        "wlan": WlanFrank2009(LETTER),
         "fused": cascade,
-        "robust": Frank2009(Frank2009Params(degrees=3.0)),
+        "robust": Frank2009(replace(CASCADE, degrees=3.0)),
     }
     for name, localizer in made.items():
         error_m = errors_m(answers(localizer, recording, briefing), recording)
@@ -108,8 +117,12 @@ def pace(seed: int) -> dict[str, Any]:
     walk = task.split("test")[seed]
     slow, recording = task.load(walk), load_of(walk, PersonParams())
     briefing = task.brief(recording)
-    shoe = Frank2009Params(lower=replace(LOWER, detector=DETECTORS["shoe"]))
-    makes: dict[str, Localizer] = {"wlan": WlanFrank2009(), "interval": Frank2009(), "shoe": Frank2009(shoe)}
+    shoe = replace(CASCADE, lower=replace(LOWER, detector=DETECTORS["shoe"]))
+    makes: dict[str, Localizer] = {
+        "wlan": WlanFrank2009(LETTER),
+        "interval": Frank2009(CASCADE),
+        "shoe": Frank2009(shoe),
+    }
     numbers = {name: errors_m(answers(made, recording, briefing), recording) for name, made in makes.items()}
     numbers["slow_shoe"] = errors_m(answers(Frank2009(shoe), slow, briefing), slow)
     return {
@@ -145,7 +158,10 @@ def ablation(seed: int) -> dict[str, Any]:
     numbers: dict[str, Any] = {}
     for name, survey in surveys.items():
         given = replace(briefing, radio_map=survey)
-        makes: dict[str, Callable[[], Localizer]] = {"wlan": WlanFrank2009, "fused": Frank2009}
+        makes: dict[str, Callable[[], Localizer]] = {
+            "wlan": partial(WlanFrank2009, LETTER),
+            "fused": partial(Frank2009, CASCADE),
+        }
         for key, make in makes.items():
             numbers[f"{key}_{name}_m"] = float(errors_m(answers(make(), recording, given), recording).mean())
     return numbers
@@ -171,7 +187,7 @@ def misalignment(seed: int) -> dict[str, Any]:
     into_sensor = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # turned clockwise, as seen from above
     found = []
     for matrix in (np.eye(3), into_sensor):
-        lower = FootSteps(120.0, replace(Frank2009Params().lower, field=None))
+        lower = FootSteps(120.0, replace(CASCADE.lower, field=None))
         streams = {name: recording.streams[name].rows for name in ("accel", "gyro")}
         rows = {name: row[row[:, 0] < MINUTE_S] for name, row in streams.items()}
         rows = {name: np.column_stack([row[:, 0], row[:, 1:] @ matrix.T]) for name, row in rows.items()}
@@ -210,6 +226,6 @@ def no_map(seed: int) -> dict[str, Any]:
     rows = {name: stream.rows[stream.t_s < MINUTE_S] for name, stream in recording.streams.items()}
     streams = {name: SensorStream(recording.streams[name].spec, row) for name, row in rows.items()}
     short = replace(recording, streams=streams)
-    without = answers(Frank2009(), short, briefing, MINUTE_S)
-    mapped = answers(Frank2009(), short, replace(briefing, building=make_hallway()), MINUTE_S)
+    without = answers(Frank2009(CASCADE), short, briefing, MINUTE_S)
+    mapped = answers(Frank2009(CASCADE), short, replace(briefing, building=make_hallway()), MINUTE_S)
     return {"differ": int((without != mapped).any(axis=1).sum())}

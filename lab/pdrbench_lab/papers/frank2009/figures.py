@@ -15,7 +15,7 @@ from pdrbench_baselines.frank2009.histograms import HistogramTable
 from pdrbench_baselines.frank2009.localizer import Frank2009, WlanFrank2009
 from pdrbench_lab.drawing import draw_path
 from pdrbench_lab.drawing.curves import panels, save_figures
-from pdrbench_lab.papers.frank2009.experiments import ENV, LAP_MARKS, answers, errors_m
+from pdrbench_lab.papers.frank2009.experiments import CASCADE, ENV, LAP_MARKS, LETTER, answers, errors_m
 from pdrbench_lab.papers.paper_walks import walk_of
 
 DPI: Final = 150
@@ -34,7 +34,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
         quick: Nothing is left out for it: the figures take a few seconds.
     """
     recording, briefing = walk_of(ENV, 0)
-    tracks: dict[str, Localizer] = {"WLAN": WlanFrank2009(), "fused": Frank2009()}
+    tracks: dict[str, Localizer] = {"WLAN": WlanFrank2009(LETTER), "fused": Frank2009(CASCADE)}
     found = {name: answers(localizer, recording, briefing) for name, localizer in tracks.items()}
     figures = {
         "fig4_plan": _plan(briefing.radio_map),
