@@ -12,13 +12,12 @@ if TYPE_CHECKING:
     from pdrbench.gym.registration import NAMESPACE, register_environments
     from pdrbench.gym.spaces import to_action, to_observation
     from pdrbench.gym.task_checks import check_task
-    from pdrbench.gym.wrappers import DenseWifi, LocalMap, RelativeAction, StartInObservation
+    from pdrbench.gym.wrappers import DenseWifi, RelativeAction, StartInObservation
 
 _HOMES = {
     "NAMESPACE": "registration",
     "Check": "checking",
     "DenseWifi": "wrappers",
-    "LocalMap": "wrappers",
     "LocalizationEnv": "env",
     "RelativeAction": "wrappers",
     "StartInObservation": "wrappers",
@@ -34,7 +33,6 @@ __all__ = [
     "NAMESPACE",
     "Check",
     "DenseWifi",
-    "LocalMap",
     "LocalizationEnv",
     "RelativeAction",
     "StartInObservation",

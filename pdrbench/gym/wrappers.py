@@ -12,7 +12,6 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.gym.env import LocalizationEnv
@@ -23,9 +22,6 @@ UNHEARD_DBM: Final = -100.0  # below what a phone receives, and the usual fillin
 WIFI: Final = "wifi"
 DENSE_KEY: Final = "wifi_rssi_dbm"
 START_KEY: Final = "start"
-MAP_KEY: Final = "local_map"
-FLOOR: Final = 255  # of a raster; what is no floor, or a wall, is 0
-MAX_CELLS: Final = 20_000_000  # of the raster of a level
 FRAMES: Final = ("building", "heading")
 
 LocalizationWrapped = gymnasium.Env[dict[str, Any], NDArray[Any]]
@@ -185,94 +181,6 @@ class StartInObservation(
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """The same with the start."""
         return _in_order({**observation, START_KEY: self._start.copy()})
-
-
-class LocalMap(ObservationWrapper, RecordConstructorArgs):
-    """Adds `local_map` (1, size, size) uint8: 255 for floor around the last answer, 0 elsewhere and on walls.
-
-    Row i and column j are `(i - size // 2) * cell_m` north (along y) and `(j - size // 2) * cell_m` east (along x) of
-    the last answer, on its level. It is an image to Stable-Baselines3.
-    """
-
-    def __init__(self, env: LocalizationWrapped, size: int = 48, cell_m: float = 0.5) -> None:
-        """Wraps an environment whose walks have a building.
-
-        Args:
-            env: A `LocalizationEnv`, possibly wrapped.
-            size: Cells along each side.
-            cell_m: Side of a cell.
-        """
-        RecordConstructorArgs.__init__(self, size=size, cell_m=cell_m)
-        gymnasium.ObservationWrapper.__init__(self, env)
-        if size < 1 or not 0 < cell_m < math.inf:
-            raise PdrbenchError(f"a local map has 1 cell or more of a positive size; got {size} of {cell_m} m")
-        self.size, self.cell_m = size, cell_m
-        self.observation_space = _with_key(env, MAP_KEY, spaces.Box(0, FLOOR, (1, size, size), np.uint8))
-        self._building: Building | None = None
-        self._rasters: dict[int, tuple[NDArray[np.uint8], float, float]] = {}
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begins a walk; raises `UnsuitableError` where it has no building."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        briefing: Briefing = info["briefing"]
-        if briefing.building is None:
-            raise UnsuitableError("LocalMap needs a building; this environment gives none")
-        if briefing.building is not self._building:
-            self._building, self._rasters = briefing.building, {}
-        return self.observation(observation), info
-
-    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """The same with the map around the last answer."""
-        return _in_order({**observation, MAP_KEY: self._around(*cast(LocalizationEnv, self.env.unwrapped).position)})
-
-    def _around(self, x_m: float, y_m: float, level: int) -> NDArray[np.uint8]:
-        assert self._building is not None
-        seen = np.zeros((1, self.size, self.size), dtype=np.uint8)
-        if level not in self._building.levels:
-            return seen
-        if level not in self._rasters:
-            self._rasters[level] = rasterise(self._building, level, self.cell_m)
-        raster, x0_m, y0_m = self._rasters[level]
-        first = [
-            math.floor((at_m - low_m) / self.cell_m) - self.size // 2 for at_m, low_m in ((y_m, y0_m), (x_m, x0_m))
-        ]
-        inside = [(max(at, 0), min(at + self.size, most)) for at, most in zip(first, raster.shape, strict=True)]
-        if all(low < high for low, high in inside):
-            rows, columns = inside
-            south, west = first
-            here = slice(rows[0] - south, rows[1] - south), slice(columns[0] - west, columns[1] - west)
-            seen[0, here[0], here[1]] = raster[slice(*rows), slice(*columns)]
-        return seen
-
-
-def rasterise(building: Building, level: int, cell_m: float) -> tuple[NDArray[np.uint8], float, float]:
-    """Floor of a level as cells: 255 where the middle of a cell is on a floor polygon and no wall crosses the cell.
-
-    Returns:
-        cells: (H, W), rows along y, columns along x.
-        x0_m: Smallest x of column 0.
-        y0_m: Smallest y of row 0.
-    """
-    x0_m, y0_m, x1_m, y1_m = building.bounds_m(level)
-    width, height = (max(1, math.ceil(span_m / cell_m)) for span_m in (x1_m - x0_m, y1_m - y0_m))
-    if width * height > MAX_CELLS:
-        raise PdrbenchError(f"level {level} has {width * height} cells of {cell_m} m; choose a larger cell_m")
-    x_m, y_m = np.meshgrid(x0_m + (np.arange(width) + 0.5) * cell_m, y0_m + (np.arange(height) + 0.5) * cell_m)
-    is_floor = building.contains(np.column_stack([x_m.ravel(), y_m.ravel()]), level)
-    cells = np.where(is_floor, FLOOR, 0).astype(np.uint8).reshape(height, width)
-    is_wall = (building.edge_neighbour < 0) & (building.level(building.edge_polygon) == level)
-    start, end = building.edge_start_xy_m[is_wall], building.edge_end_xy_m[is_wall]
-    num_points = np.ceil(np.hypot(*(end - start).T) / (0.5 * cell_m)).astype(np.int64) + 1
-    wall = np.repeat(np.arange(len(start)), num_points)
-    along = (np.arange(len(wall)) - np.repeat(np.cumsum(num_points) - num_points, num_points)) / np.repeat(
-        np.maximum(num_points - 1, 1), num_points
-    )
-    on_wall = start[wall] + along[:, None] * (end - start)[wall]
-    column, row = np.floor((on_wall - [x0_m, y0_m]) / cell_m).astype(np.int64).T
-    cells[row.clip(0, height - 1), column.clip(0, width - 1)] = 0
-    return cells, x0_m, y0_m
 
 
 def _with_key(env: LocalizationWrapped, key: str, box: spaces.Box) -> spaces.Dict:

@@ -11,7 +11,7 @@ from gymnasium.wrappers import FlattenObservation, TimeLimit
 
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.gym.env import LocalizationEnv, drive
-from pdrbench.gym.wrappers import UNHEARD_DBM, DenseWifi, LocalMap, RelativeAction, StartInObservation, rasterise
+from pdrbench.gym.wrappers import UNHEARD_DBM, DenseWifi, RelativeAction, StartInObservation
 from pdrbench.registry import make_localizer
 from pdrbench.trajectory import Start
 
@@ -97,49 +97,14 @@ def office_task(task_maker, office):
     )
 
 
-def test_a_local_map_shows_floor_and_walls_around_the_last_answer(office_task, office) -> None:
-    env = LocalMap(LocalizationEnv(office_task), size=9, cell_m=0.5)
-    seen = env.reset(seed=0)[0]["local_map"]
-    assert seen.shape == (1, 9, 9) and seen.dtype == np.uint8
-    cells, x0_m, y0_m = rasterise(office, 1, 0.5)
-    row, column = np.argwhere(cells == 255)[len(cells) * 3]
-    middle_m = x0_m + (column + 0.5) * 0.5, y0_m + (row + 0.5) * 0.5
-    assert office.contains([middle_m], 1).all()
-    seen = env.step(np.array([*middle_m, 1.0]))[0]["local_map"]
-    for i in range(9):
-        for j in range(9):
-            there = (row + i - 4, column + j - 4)
-            inside = 0 <= there[0] < cells.shape[0] and 0 <= there[1] < cells.shape[1]
-            assert seen[0, i, j] == (cells[there] if inside else 0)
-    for away in ([1e4, 1e4, 1.0], [*middle_m, 77.0]):
-        assert not env.step(np.array(away))[0]["local_map"].any()
-
-
-def test_a_raster_has_no_way_through_a_wall(office) -> None:
-    """Along every wall each half cell is a wall, and floor fills most of what the building says is floor."""
-    cells, x0_m, y0_m = rasterise(office, 0, 0.25)
-    is_wall = (office.edge_neighbour < 0) & (office.level(office.edge_polygon) == 0)
-    for start, end in zip(office.edge_start_xy_m[is_wall], office.edge_end_xy_m[is_wall], strict=True):
-        middle = (start + end) / 2
-        column, row = np.floor((middle - [x0_m, y0_m]) / 0.25).astype(int).clip(0, np.array(cells.shape)[::-1] - 1)
-        assert cells[row, column] == 0
-    area_m2 = office.walkable(0).area
-    assert 0.6 * area_m2 < (cells == 255).sum() * 0.25**2 < area_m2
-
-
-def test_local_map_needs_a_building_and_a_dict(task_maker) -> None:
-    env = LocalizationEnv(task_maker({"accel": 24}))
-    with pytest.raises(UnsuitableError, match="building"):
-        LocalMap(env).reset(seed=0)
+def test_a_start_needs_a_dict(phone_task) -> None:
     with pytest.raises(UnsuitableError, match="flatten"):
-        LocalMap(FlattenObservation(env))
-    with pytest.raises(PdrbenchError, match="1 cell"):
-        LocalMap(env, size=0)
+        StartInObservation(FlattenObservation(LocalizationEnv(phone_task)))
 
 
 def test_wrappers_combine_in_any_order_and_pass_the_checker(office_task) -> None:
-    inside = StartInObservation(LocalMap(RelativeAction(LocalizationEnv(office_task)), size=36))
-    outside = RelativeAction(LocalMap(StartInObservation(LocalizationEnv(office_task)), size=36))
+    inside = StartInObservation(RelativeAction(LocalizationEnv(office_task)))
+    outside = RelativeAction(StartInObservation(LocalizationEnv(office_task)))
     action = np.array([0.5, 0.25, 0.0], dtype=np.float32)
     for env in (inside, outside):
         env.reset(seed=3)
