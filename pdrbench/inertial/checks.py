@@ -148,7 +148,8 @@ def swings(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> Iterator[Fin
     if len(edges) < MIN_SWINGS:
         return
     every = max(1, int((len(t_s) - 1) / (t_s[-1] - t_s[0]) / _USUAL_HZ))
-    t_s, accel, gyro, edges = t_s[::every], accel[::every], gyro[::every], edges // every
+    t_s, accel, gyro = (values[::every].copy() for values in (t_s, accel, gyro))  # of one layout, compiled once
+    edges = edges // every
     force = accel[edges[:, 0]]
     stands = GRAVITY_MPS2 * force / np.sqrt((force**2).sum(axis=1))[:, None]
     means = np.zeros((len(FACTORS), len(edges), 27))

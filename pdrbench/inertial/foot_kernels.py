@@ -19,6 +19,7 @@ from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
 NINE: Final = 9
 FIFTEEN: Final = 15
+YAW: Final = np.int64(8)  # its place among the errors; for a literal, functions that take it would be compiled again
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
@@ -478,9 +479,9 @@ def advance(
                 heading_noise = noise.heading_sigma_rad**2
                 if innovation**2 < noise.heading_gate**2 * (cov[8, 8] + heading_noise):
                     has_update = True
-                    variance = _measure(cov, error, 8, innovation, heading_noise, gain, size)
+                    variance = _measure(cov, error, YAW, innovation, heading_noise, gain, size)
                     if keeps:
-                        _keep(record, k, 6, 8, gain, innovation, variance)
+                        _keep(record, k, YAW - 2, YAW, gain, innovation, variance)
             if has_update:
                 correct(x, error, size)
                 for i in range(n):

@@ -88,7 +88,9 @@ class PhoneAttitude:
             known = gyro[:, 0] >= self._mag[0, 0]
             field[known] = self._mag[_latest(self._mag[:, 0], gyro[known, 0]), 1:]
         attitude = np.empty((len(gyro), 4))
-        _follow(gyro[:, 0], gyro[:, 1:], force, field, self._state, self._settings, GRAVITY_MPS2, attitude)
+        # Copies: one row is contiguous and several are not, for which the kernel would be compiled again.
+        t_s, rate = gyro[:, 0].copy(), gyro[:, 1:].copy()
+        _follow(t_s, rate, force, field, self._state, self._settings, GRAVITY_MPS2, attitude)
         return np.column_stack([gyro[:, 0], attitude])
 
 

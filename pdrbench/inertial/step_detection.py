@@ -233,7 +233,7 @@ class StepDetector:
         """Rows without a gap."""
         params = self.params
         out = np.empty(math.ceil((t_s[-1] - self._start_s) * RATE_HZ - self._even[kernels.CELL]) + 2)
-        even = out[: kernels.even_samples(t_s, length, self._start_s, RATE_HZ, self._even, out)]
+        even = out[: kernels.even_samples(np.ascontiguousarray(t_s), length, self._start_s, RATE_HZ, self._even, out)]
         if not len(even):
             return []
         if not len(self._memory):

@@ -109,7 +109,7 @@ class MovementTable:
 
     def start(self, rng: np.random.Generator, count: int) -> IntArray:
         """(count,) cells drawn uniformly over the floor: in proportion to their area (K2)."""
-        return kernels.draw_sorted(self.cells.area_m2, rng.standard_exponential(count + 1))
+        return kernels.draw_sorted(self.cells.area_m2.copy(), rng.standard_exponential(count + 1))
 
     def move(self, cell: IntArray, rng: np.random.Generator) -> IntArray:
         """(N,) cells one update after cells (N,)."""

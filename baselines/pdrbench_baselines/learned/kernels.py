@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.compiled import compiled
 
+FIRST: Final = np.int64(1)  # for a literal, functions that take it would be compiled again
+
 
 @compiled
 def attitudes_at(rotation: Any, at_s: Any) -> Any:
     """(n, 4) unit quaternions at times (n,) between rows (k, 5), linear; the first and the last one outside."""
-    sign, out, after = np.ones(len(rotation)), np.empty((len(at_s), 4)), 1
+    sign, out, after = np.ones(len(rotation)), np.empty((len(at_s), 4)), FIRST
     for i in range(1, len(rotation)):
         same = 0.0
         for c in range(1, 5):
@@ -32,15 +34,15 @@ def attitudes_at(rotation: Any, at_s: Any) -> Any:
 
 
 @compiled
-def cell_means(rows: Any, rotation: Any, at_s: Any, rate_hz: float) -> Any:
-    """(n, 3) means over 1 / rate around times (n,), linear between vectors (k, 4) that attitudes (r, 5) turn."""
-    attitude, world, area = attitudes_at(rotation, rows[:, 0]), np.empty((len(rows), 3)), np.zeros((len(rows), 3))
+def cell_means(rows: Any, attitude: Any, at_s: Any, rate_hz: float) -> Any:
+    """(n, 3) means over 1 / rate around times (n,), linear between vectors (k, 4) that attitudes (k, 4) turn."""
+    world, area = np.empty((len(rows), 3)), np.zeros((len(rows), 3))
     for i in range(len(rows)):
         q = attitude[i]
         world[i, 0], world[i, 1], world[i, 2] = _rotated(q[0], q[1], q[2], q[3], rows[i, 1], rows[i, 2], rows[i, 3])
         for c in range(3 if i else 0):
             area[i, c] = area[i - 1, c] + (rows[i, 0] - rows[i - 1, 0]) * (world[i - 1, c] + world[i, c]) / 2
-    means, after = np.zeros((len(at_s), 3)), 1
+    means, after = np.zeros((len(at_s), 3)), FIRST
     for n in range(len(at_s)):
         for side in (-1.0, 1.0):
             edge_s = at_s[n] + 0.5 * side / rate_hz
@@ -87,7 +89,7 @@ def _yaw_runs(rotation: Any, gyro: Any, max_gap_s: float) -> Any:
         for c in range(3):
             turned[i, c] = turned[i - 1, c] + (gyro[i, c + 1] + gyro[i - 1, c + 1]) / 2 * step_s
         turned[i, 3] = turned[i - 1, 3] + (step_s if step_s > max_gap_s else 0.0)
-    own, last, after = np.zeros(4), np.zeros(4), 1
+    own, last, after = np.zeros(4), np.zeros(4), FIRST
     for row in range(len(rotation)):
         if len(gyro) > 1:
             after, part = _between(gyro, rotation[row, 0], after)

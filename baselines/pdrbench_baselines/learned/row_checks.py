@@ -84,7 +84,8 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
             f"gyro: has turned by {own_rad:.3g}, the rotation vector by {vector_rad:.2g} rad; rad/s are expected: "
             "divide degrees/s by 57.3"
         )
-    vertical_mps2 = float(to_world(attitudes_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2])
+    attitude = attitudes_at(np.ascontiguousarray(rotation), accel[:, 0].copy())
+    vertical_mps2 = float(to_world(attitude, accel[:, 1:]).mean(axis=0)[2])
     upright = vertical_mps2 / min(force_mps2, GRAVITY_MPS2)  # a swinging hand pulls outwards by some m/s2
     if upright < UPRIGHT:
         raise RecordingError(

@@ -75,13 +75,14 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
             )
     count = max(int(np.floor((till_s - from_s) * RATE_HZ + 1e-6)) + 1, 0)
     t_s = from_s + np.arange(count) / RATE_HZ
+    accel, gyro, rotation = map(np.ascontiguousarray, (accel, gyro, rotation))  # kernels are compiled for one layout
     attitude = attitudes_at(rotation, t_s)
     w, x, y, z = attitude.T
     up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
     is_whole = np.logical_and.reduce([has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
     twist = np.column_stack([w * w - z * z, 2 * w * z])  # the square of w + iz, which has no sign
-    force = cell_means(accel, rotation, t_s, RATE_HZ) - (0.0, 0.0, GRAVITY_MPS2)
-    return Signals(from_s, force, cell_means(gyro, rotation, t_s, RATE_HZ), up, twist, is_whole)
+    force, rate = (cell_means(of, attitudes_at(rotation, of[:, 0].copy()), t_s, RATE_HZ) for of in (accel, gyro))
+    return Signals(from_s, force - (0.0, 0.0, GRAVITY_MPS2), rate, up, twist, is_whole)
 
 
 def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:

@@ -137,7 +137,7 @@ class StepModelFilter(MapFilter):
         self._tiles: tuple[BoolArray, FloatArray, float] = (np.zeros((1, 1), dtype=np.bool_), origin, 1.0)
         if self._building is not None:
             tiles = tile_map(self._building, level)
-            self._tiles = tiles.is_middle, tiles.origin_xy_m - self._origin_m, tiles.tile_m
+            self._tiles = tiles.is_middle.copy(), tiles.origin_xy_m - self._origin_m, tiles.tile_m
         around = self._rng_start
         self.a = model.a_m_per_hz + p.delta_a * around.uniform(-1, 1, count)
         drawn_m = model.b_m + p.delta_b * around.uniform(-1, 1, count)

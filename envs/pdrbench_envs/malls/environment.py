@@ -138,10 +138,12 @@ def _unit_of(walk: Walk) -> str:
 
 def _is_surveyed(walk: Walk, at_hand: frozenset[str]) -> bool:
     """True where the floor of a walk has a survey, and the walk can be scored without a start."""
-    surveyed = (other for other in survey_of(walk.part) if other.path in at_hand)
-    return walk.path != ENDS_BEFORE_A_SCAN and any(
-        (other.site, other.floor) == (walk.site, walk.floor) for other in surveyed
-    )
+    return walk.path != ENDS_BEFORE_A_SCAN and (walk.site, walk.floor) in _surveyed_floors(walk.part, at_hand)
+
+
+@functools.lru_cache(maxsize=16)
+def _surveyed_floors(part: str | int, at_hand: frozenset[str]) -> frozenset[tuple[str, str]]:
+    return frozenset((walk.site, walk.floor) for walk in survey_of(part) if walk.path in at_hand)
 
 
 def played_walk(name: str) -> Walk:
@@ -195,12 +197,13 @@ def _radio_map(at_hand: frozenset[str], recording: Recording) -> RadioMap:
 
 @functools.lru_cache(maxsize=6)  # of some 30 MB each
 def _survey(site: str, part: str | int, at_hand: frozenset[str]) -> RadioMap:
-    return scans_of(paths_of(site, at_hand)).radio_map(survey_paths(site, part, at_hand))
+    paths = survey_paths(site, part, at_hand)
+    return scans_of(paths_of(site, at_hand)).radio_map(paths)
 
 
 def paths_of(site: str, at_hand: frozenset[str]) -> tuple[str, ...]:
-    """All walks of a mall."""
-    return tuple(walk.path for walk in walks() if walk.site == site and walk.path in at_hand)
+    """The walks of a mall that a survey may hold: those of train."""
+    return tuple(walk.path for walk in walks() if (walk.site, walk.split) == (site, "train") and walk.path in at_hand)
 
 
 def survey_paths(site: str, part: str | int, at_hand: frozenset[str]) -> list[str]:

@@ -129,8 +129,9 @@ def _checked(file: MatFile, part: str) -> tuple[FloatArray, FloatArray]:
     rssi_dbm, labels = file.matrix(macs), file.matrix(places, 5)
     if len(rssi_dbm) != len(labels):
         raise file.error(macs, f"has {len(rssi_dbm)} rows and the labels have {len(labels)}; export both from one set")
-    rssi_dbm = np.where(rssi_dbm == NOT_HEARD, np.nan, rssi_dbm)
-    wrong = np.flatnonzero(((rssi_dbm > 0) | np.isinf(rssi_dbm)).any(axis=1))
+    rssi_dbm = read_only(np.where(rssi_dbm == NOT_HEARD, np.nan, rssi_dbm))
+    highest, lowest = (of.reduce(rssi_dbm, axis=1) for of in (np.fmax, np.fmin))
+    wrong = np.flatnonzero((highest > 0) | np.isinf(lowest))
     if len(wrong):
         raise file.error(macs, f"row {wrong[0] + 1} has an RSSI above 0 dBm or an infinite one; not heard is +100")
     wrong = np.flatnonzero(

@@ -23,8 +23,8 @@ from pdrbench_envs.malls.splits import walks
 
 @pytest.fixture
 def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A process that has read no walk, with an empty folder for data and one for the cache."""
-    cached = (surveys.log_of, surveys.scans_of, environment.building, environment._survey)
+    """A process that has read no walk, with an empty folder for data and one for the cache; plans may be known."""
+    cached = (surveys.log_of, surveys.scans_of, environment._survey)
     for each in cached:
         each.cache_clear()
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path / "data"))
