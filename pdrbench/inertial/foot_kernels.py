@@ -19,7 +19,7 @@ from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
 NINE: Final = 9
 FIFTEEN: Final = 15
-YAW: Final = np.int64(8)  # its place among the errors; for a literal, functions that take it would be compiled again
+YAW: Final[Any] = np.int64(8)  # its place among the errors; functions would be compiled again for a literal
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading

@@ -9,7 +9,7 @@ import numpy as np
 
 from pdrbench.compiled import compiled
 
-FIRST: Final = np.int64(1)  # for a literal, functions that take it would be compiled again
+FIRST: Final[Any] = np.int64(1)  # for a literal, functions that take it would be compiled again
 
 
 @compiled
