@@ -156,16 +156,16 @@ def test_extrapolation_removes_the_wait_for_the_next_step(alley: Building) -> No
 
 @pytest.mark.data
 def test_real_walks_in_a_mall(data_root: Path) -> None:
-    """Four val walks in two buildings of MallPhone-v2: 4.0 m with the map, 5.1 m without when this was written."""
+    """Five val walks on the floors of one mall: 1.8 m with the map, 2.8 m without when this was written."""
     task = dataclasses.replace(make_task("MallPhone-v2"), radio_map=no_survey)  # of which the localizer reads nothing
-    walks = task.split("val")
+    walks = [walk for walk in task.split("val") if walk.startswith("site1")][::12]
     mean_m: dict[str, list[float]] = {"li2012?generic=true": [], "li2012?map=false": []}
-    for recording in (task.load(walks[k]) for k in (5, 19, 47, 75)):
+    for recording in map(task.load, walks):
         for name, errors_m in mean_m.items():
             rng = np.random.default_rng(0)
             result = episode.play(make_localizer(name), Episode(recording, task), rng, name=name, seed=0)
             scores = score(result.estimates, recording.reference, recording.building, task.fallback(recording))
             errors_m.append(scores["mean_m"])
     with_map_m, without_m = map(np.mean, mean_m.values())
-    assert with_map_m < 4.4
+    assert with_map_m < 2.0
     assert with_map_m < 0.9 * without_m

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError
+from pdrbench.io.log import Log
 from pdrbench_formats.detect import detect, read_plan
 from pdrbench_formats.maps.plan import unreachable
-from pdrbench_sim.readers import ilc20, ilc20_map
+from pdrbench_sim.readers import ilc20_map
 
 WIDTH_M, HEIGHT_M = 60.0, 40.0
 LONGITUDE, LATITUDE = 120.0754, 30.2918
@@ -209,12 +210,9 @@ def malls(data_root: Path) -> dict[str, Building]:
 
 
 @pytest.fixture(scope="module")
-def waypoints(data_root: Path) -> list[tuple[str, int, NDArray[np.float64]]]:
-    """Site, level and (T, 2) places of all 124 walks."""
-    folder = data_root / "ilc20"
-    walks = sorted(folder.glob("*/*/*/*.txt.gz"))
-    assert len(walks) >= 124
-    logs = [(path, ilc20.read(path)) for path in walks]
+def waypoints(mall_logs: dict[Path, Log]) -> list[tuple[str, int, NDArray[np.float64]]]:
+    """Site, level and (T, 2) places of all walks."""
+    logs = mall_logs.items()
     return [(path.parts[-4], int(log.reference.level[0]), log.reference.xy_m) for path, log in logs]
 
 
