@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Sequence
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Final
+from typing import Any, Final
 
 GYMNASIUM: Final = "gymnasium"
 
@@ -28,7 +28,7 @@ def _register() -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds Gymnasium as the finders behind it do, once."""
+    """Finds Gymnasium as the finders behind it do, once; what loads it registers environments at its end."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -38,21 +38,13 @@ class _Finder(MetaPathFinder):
         sys.meta_path.remove(self)
         spec = importlib.util.find_spec(fullname)
         if spec is not None and spec.loader is not None:
-            spec.loader = _Loader(spec.loader)
+            loader: Any = spec.loader
+            execute = loader.exec_module
+
+            def execute_and_register(module: ModuleType) -> None:
+                del loader.exec_module  # that of its class again, before environments are registered
+                execute(module)
+                _register()
+
+            loader.exec_module = execute_and_register
         return spec
-
-
-class _Loader(Loader):
-    """Loads a module as its own loader does, which it has again before environments are registered."""
-
-    def __init__(self, own: Loader) -> None:
-        self._own = own
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        return self._own.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        if module.__spec__ is not None:
-            module.__spec__.loader = module.__loader__ = self._own
-        self._own.exec_module(module)
-        _register()
