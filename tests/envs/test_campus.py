@@ -160,12 +160,3 @@ def test_a_unit_on_the_foot_is_scored_where_it_rests() -> None:
     np.testing.assert_allclose(step, np.round(step), atol=1e-6)
     assert len(levels_of(walk)) > 1
     assert task.brief(walk).start is not None
-
-
-def test_held_out_walks_follow_from_the_secret() -> None:
-    one, other = (make_task(STRIDES.env, secret=secret) for secret in (SECRET, SECRET[::-1]))
-    walk = one.split(HELD_OUT)[0]
-    assert not set(one.split(HELD_OUT)) & set(other.split(HELD_OUT))
-    first, again = (make_task(STRIDES.env, secret=SECRET).load(walk) for _ in range(2))
-    np.testing.assert_array_equal(first.streams["stride"].rows, again.streams["stride"].rows)
-    assert first.id == walk

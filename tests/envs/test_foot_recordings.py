@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from pdrbench.datasets import datasets
-from pdrbench.episode import Episode, play
 from pdrbench.errors import DatasetError
 from pdrbench.io.log import Log, ReadReport
-from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.metrics import score
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.task import Task
@@ -134,33 +131,6 @@ def test_walks_are_whole_and_reveal_nothing(env: str) -> None:
         assert briefing.start is not None
         np.testing.assert_array_equal(briefing.start.xy_m, recording.reference.xy_m[0])
         assert briefing.start.heading_rad is not None
-
-
-class AtObservation:
-    """Returns the reference at the time of the observation: the best possible localizer."""
-
-    def __init__(self, way: Trajectory) -> None:
-        self._way = way
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        assert not set(briefing.sensors) - {"accel", "gyro", "accel_2", "gyro_2", "mag"}
-
-    def step(self, observation: Observation) -> Estimate:
-        row = np.searchsorted(self._way.t_s, observation.now_s - 1e-6).clip(max=len(self._way) - 1)
-        return Estimate(xy_m=self._way.xy_m[row], level=0)
-
-
-@pytest.mark.data
-def test_the_hold_adds_no_error(env: str, rng: np.random.Generator) -> None:
-    """A localizer that knows the foot at each observation has no error, and every metric has a value or none."""
-    task = make_task(env)
-    recording = task.load(task.split("test")[0])
-    result = play(AtObservation(recording.reference), Episode(recording, task), rng, name="truth", seed=0)
-    start = task.brief(recording).start
-    assert start is not None
-    scores = score(result.estimates, recording.reference, None, start)
-    assert scores["max_m"] == 0.0
-    assert scores["level_hit_rate"] == 1.0
 
 
 @pytest.mark.data
