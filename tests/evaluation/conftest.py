@@ -46,7 +46,7 @@ def plugin(plugin_root: Path) -> Iterator[None]:
     clear_registry()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def localizer() -> Callable[[str], str]:
     """Specification of a class in the file of strange localizers."""
     return lambda name: f"{HERE / 'strange_localizers.py'}:{name}"

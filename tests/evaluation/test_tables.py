@@ -19,14 +19,21 @@ from pdrbench.metrics import METRICS, POOLED
 from pdrbench.registry import make_task
 from pdrbench.result import Result
 
+from .conftest import clear_registry
+
 Spec = Callable[[str], str]
 
 
-@pytest.fixture
-def results(localizer: Spec) -> Results:
-    """Six walks, two seeds, three localizers, one of which declines."""
+@pytest.fixture(scope="module")
+def results(localizer: Spec, plugin_root: Path) -> Results:
+    """Six walks, two seeds, three localizers, one of which declines; played and scored once, tests change copies."""
     specs = [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
-    return evaluate(specs, "Corridor-v0", walks=6, seeds=2, isolation="none")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(plugin_root)
+        clear_registry()
+        found = evaluate(specs, "Corridor-v0", walks=6, seeds=2, isolation="none")
+        assert found.scored
+    return found
 
 
 def test_one_row_for_each_localizer_in_the_agreed_shape(results: Results, localizer: Spec) -> None:

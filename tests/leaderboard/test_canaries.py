@@ -130,7 +130,7 @@ def memorisers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "mine.py"
 
 
-def played(settings: Settings, spec: str, name: str, tmp_path: Path) -> record.PartRecord:
+def play(settings: Settings, spec: str, name: str, tmp_path: Path) -> record.PartRecord:
     """What came of an entry on held-out walks."""
     card = tmp_path / f"{name}.toml"
     card.write_bytes(card_toml(card_named(name)))
@@ -142,7 +142,7 @@ def played(settings: Settings, spec: str, name: str, tmp_path: Path) -> record.P
 def test_what_answers_from_memory_is_first_and_held_for_a_person(
     settings: Settings, memorisers: Path, toy_board: Board, tmp_path: Path, kind: str
 ) -> None:
-    part = played(settings, f"{memorisers}:{kind}", "remembers", tmp_path)
+    part = play(settings, f"{memorisers}:{kind}", "remembers", tmp_path)
     assert part.canaries is not None
     assert (part.canaries.crossed, part.canaries.moved_m, part.canaries.response) == (MIN_CANARIES, 0.0, 0.0)
     assert max(record.numbers(part.divisions[-1].values["p75_m"])) < 0.05, "it would be first"
@@ -154,18 +154,15 @@ def test_what_answers_from_memory_is_first_and_held_for_a_person(
 
 
 @pytest.mark.parametrize("kind", ["Mine", "Wanders", "Lags"])
-def test_honest_localizers_move_with_their_sensors(
-    settings: Settings, submitted: Path, tmp_path: Path, kind: str
-) -> None:
-    part = played(settings, f"{submitted}:{kind}", "honest", tmp_path)
+def test_honest_localizers_move_with_their_sensors(played: Settings, kind: str) -> None:
+    part = record.read_entry(played.root / "toy" / kind.lower())[0].parts[0]
     assert part.canaries is not None and part.canaries.response is not None
     assert part.canaries.compared == MIN_CANARIES
     assert (part.canaries.held, part.canaries.response > 0.2) == ("", True)
 
 
-def test_one_that_stays_says_nothing_and_is_not_held(settings: Settings, toy_board: Board) -> None:
-    list(run([ONE], [STAY], dataclasses.replace(settings, parts=("held-out",))))
-    canaries = record.read_entry(settings.root / "toy" / STAY)[0].parts[0].canaries
+def test_one_that_stays_says_nothing_and_is_not_held(played: Settings) -> None:
+    canaries = record.read_entry(played.root / "toy" / STAY)[0].parts[0].canaries
     assert canaries is not None
     assert (canaries.crossed, canaries.response, canaries.held) == (0, None, "")
 
@@ -179,7 +176,7 @@ def test_a_held_entry_is_not_signed_by_a_run(
     (settings.root / "keys.toml").write_text(new_key(key, "a maintainer", datetime.date(2026, 1, 1)))
     signing = dataclasses.replace(settings, isolation=None, key=key)
     for name, spec in (("remembers", f"{memorisers}:ByVertex"), ("honest", f"{submitted}:Mine")):
-        played(signing, spec, name, tmp_path)
+        play(signing, spec, name, tmp_path)
         folder = settings.root / "toy" / name
         assert (folder / record.SIGNATURE_FILE).exists() == (name == "honest")
     folder = settings.root / "toy" / "remembers"

@@ -25,7 +25,7 @@ from pdrbench_leaderboard.checking import check_board, compare_entries, disagree
 from pdrbench_leaderboard.confine.read_permissions import hidden_places
 from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
 from pdrbench_leaderboard.entrants import Entrant
-from pdrbench_leaderboard.run import Settings, run
+from pdrbench_leaderboard.run import Outcome, Settings, run
 from pdrbench_leaderboard.signing import new_key
 from pdrbench_leaderboard.standings import read_tables
 from pdrbench_leaderboard.submission import make_bundle
@@ -74,9 +74,25 @@ def test_drawn_walks_hold_neither_truth_nor_names(tmp_path: Path) -> None:
     assert (drawn.observations / INDEX_FILE).stat().st_mtime_ns == before
 
 
-def test_entries_hold_scores_of_their_answers(settings: Settings, mine: tuple[str, Path]) -> None:
-    spec, card = mine
-    outcomes = list(run([TOY], [spec], settings, card=card))
+@pytest.fixture(scope="module")
+def ran(submitted: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, list[Outcome]]:
+    """A folder where `Mine` was played on both environments, and what came of it; copied before it is changed."""
+    place = tmp_path_factory.mktemp("ran")
+    card = place / "card.toml"
+    card.write_bytes(card_toml(card_named("mine")))
+    found = Settings(root=place / "leaderboards", work=place / "work", round=ROUND, isolation="none")
+    return found, list(run([TOY], [f"{submitted}:Mine"], found, card=card))
+
+
+@pytest.fixture
+def copied(ran: tuple[Settings, list[Outcome]], settings: Settings) -> Settings:
+    """A copy of that folder."""
+    shutil.copytree(ran[0].root, settings.root)
+    return dataclasses.replace(settings, work=ran[0].work)
+
+
+def test_entries_hold_scores_of_their_answers(ran: tuple[Settings, list[Outcome]]) -> None:
+    settings, outcomes = ran
     assert [(of.env, of.part, len(of.played), len(of.declined)) for of in outcomes] == [
         (ENV, "public", 1, 0),
         (ENV, "held-out", 1, 0),
@@ -106,32 +122,26 @@ def test_entries_hold_scores_of_their_answers(settings: Settings, mine: tuple[st
             first = last
 
 
-def test_what_is_done_is_skipped_and_what_lies_with_an_entry_is_played(
-    settings: Settings, mine: tuple[str, Path]
-) -> None:
-    list(run([TOY], [mine[0]], settings, card=mine[1]))
-    folder = settings.root / "toy" / "mine"
+def test_what_is_done_is_skipped_and_what_lies_with_an_entry_is_played(copied: Settings, tmp_path: Path) -> None:
+    folder = copied.root / "toy" / "mine"
     before = (folder / record.ENTRY_FILE).read_bytes()
-    again = list(run([TOY], [f"{folder / 'localizer.py'}:Mine"], settings))
+    again = list(run([TOY], [f"{folder / 'localizer.py'}:Mine"], copied))
     assert all(of.kept == ("mine",) for of in again)
     (folder / record.ENTRY_FILE).unlink()
-    fresh = dataclasses.replace(settings, work=settings.work.with_name("elsewhere"))
+    fresh = dataclasses.replace(copied, work=tmp_path / "elsewhere")
     played = list(run([TOY], [f"{folder / 'localizer.py'}:Mine"], fresh))
     assert played[0].played == ("mine",)
     assert _without_times(before) == _without_times((folder / record.ENTRY_FILE).read_bytes())
 
 
-def test_what_is_not_installed_here_is_left_out_with_a_line(
-    settings: Settings, mine: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_not_installed_here_is_left_out_with_a_line(copied: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     """As adapters of the laboratory are in a clone of the product alone, and without the package that they adapt."""
-    list(run([TOY], [mine[0]], settings, card=mine[1]))
-    folder = settings.root / "toy" / "mine"
+    folder = copied.root / "toy" / "mine"
     (folder / "localizer.py").unlink()
     path = folder / record.ENTRY_FILE
     path.write_text(path.read_text("utf-8").replace('"localizer.py:Mine"', '"of_elsewhere"'), "utf-8")
     monkeypatch.setattr("pdrbench_leaderboard.entrants.OURS", "no other one")
-    first, *others = run([TOY], [], settings)
+    first, *others = run([TOY], [], copied)
     assert first.why == "mine is not installed here"
     assert not any(of.played or of.why for of in others) and path.is_file()
 
@@ -140,7 +150,7 @@ def test_what_is_not_installed_here_is_left_out_with_a_line(
 
     path.write_text(path.read_text("utf-8").replace('"of_elsewhere"', '"stay"'), "utf-8")
     monkeypatch.setattr("pdrbench_leaderboard.entrants.make_localizer", without_its_package)
-    first, *others = run([TOY], [], settings)
+    first, *others = run([TOY], [], copied)
     assert first.why == "mine is not installed here"
     assert not any(of.played or of.why for of in others)
 

@@ -29,7 +29,6 @@ from pdrbench.task import Task
 ENV = "CampusStride-v1"
 ODD = """
     import os, sys, threading, time
-    import numba
     import numpy as np
     from pdrbench.errors import UnsuitableError
     from pdrbench.localizer import Estimate
@@ -70,7 +69,7 @@ ODD = """
 
     class Large(Walks):
         def reset(self, briefing, rng):
-            self.block = np.ones(300 << 17)
+            self.block = np.ones(350 << 17)
             super().reset(briefing, rng)
 
     class Bomb(Walks):
@@ -92,18 +91,16 @@ ODD = """
             print("the end")
             os._exit(3)
 
-    def triple(x):
-        return 3.0 * x
-
-    triple = numba.njit(triple)
-
     class Compiles(Walks):
         '''Answers how often it was made in this process, and how often a walk found nothing compiled.'''
         MADE = []
-        def __init__(self): self.MADE.append(1)
+        def __init__(self):
+            import numba  # takes longer than all else here
+            type(self).triple = getattr(self, "triple", None) or staticmethod(numba.njit(lambda x: 3.0 * x))
+            self.MADE.append(1)
         def reset(self, briefing, rng):
-            self.cold = not triple.signatures
-            triple(2.0)
+            self.cold = not self.triple.signatures
+            self.triple(2.0)
         def step(self, observation):
             return Estimate(np.array([float(len(self.MADE)), float(self.cold)]), 0)
 """
