@@ -168,39 +168,41 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
 def _read_chunk(path: Path, chunk: bytes, line: int, parts: _Parts, tally: Tally, *, is_last: bool) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
     found = 0
-    rows: dict[str, list[list[float]]] = defaultdict(list)
+    numbered: dict[bytes, list[tuple[int, bytes]]] = defaultdict(list)
     lines = chunk.split(b"\n")
     for number, record in enumerate(lines, line):
         start = record[:5]
         if start in _KINDS:
             found += 1
-            values = _plain(record) or _read_numbers(path, record, number, parts, tally, is_cut=is_last)
-            if values is not None:
-                rows[_KINDS[start][0]].append(values)
+            numbered[start].append((number, record))
         elif start in _SKIPPED:
             found += 1
             tally.skipped[start[:4].decode()] += 1
         elif whole := record.rstrip(b"\r "):
             found += _read_other(whole, number, parts, tally)
-    for name, *_ in _KINDS.values():
-        if name in rows:
-            table = np.array(rows[name])
+    for start, (name, first, width) in _KINDS.items():
+        records = numbered[start]
+        table = _table([record for _, record in records], first, width) if records else np.zeros((0, 0))
+        if table is None:
+            read = (_read_numbers(path, record, at, parts, tally, is_cut=is_last) for at, record in records)
+            table = np.array([values for values in read if values is not None]).reshape(-1, width + 2)
+        if len(table):
             parts.rows[name].append(table[:, 1:])
             parts.stamps[name].append(table[:, 0])
     return len(lines) - (not lines[-1]), found
 
 
-def _plain(record: bytes) -> list[float] | None:
-    """What `_read_numbers` returns, of a record in which nothing is odd, as nearly all are."""
-    _, first, width = _KINDS[record[:5]]
-    fields = record.split(b";", first + width + 1)
-    if len(fields) <= first + width:
+def _table(records: list[bytes], first: int, width: int) -> FloatArray | None:
+    """(n, 2 + width) what `_read_numbers` returns of records of one kind; None where anything in them is odd."""
+    fields, count = b";".join(records).split(b";"), records[0].count(b";") + 1
+    if count <= first + width or len(fields) != count * len(records) or len(set(fields[::count])) > 1:
         return None
     try:
-        values = [float(fields[2]), float(fields[1]), *map(float, fields[first + 1 : first + width + 1])]
+        columns = [list(map(float, fields[k::count])) for k in (2, 1, *range(first + 1, first + width + 1))]
     except ValueError:
         return None
-    return values if math.isfinite(sum(values)) else None
+    table = np.column_stack(columns)
+    return table if np.isfinite(table).all() else None
 
 
 def _read_numbers(
