@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 import urllib.parse
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from click.testing import CliRunner
 
 from pdrbench import building, evaluation, filters, inertial, metrics, picture, radio
 
@@ -66,11 +66,15 @@ pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="documentat
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built once; a warning is an error."""
+    """Built once, in this process, which has imported most of what is described; a warning is an error."""
+    from mkdocs.__main__ import cli as mkdocs
+
     folder = tmp_path_factory.mktemp("site")
-    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        patch.setattr(sys, "path", [*sys.path])
+        done = CliRunner().invoke(mkdocs, ["build", "--strict", "--site-dir", str(folder)])
+    assert done.exit_code == 0, done.output
     return folder
 
 
