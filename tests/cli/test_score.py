@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pdrbench.errors import RecordingError
 from pdrbench.trajectory import Estimates
+from pdrbench_formats.commands.score import read_track
 from pdrbench_formats.export import write_path
 
 T_S = np.arange(0.0, 120.0)
@@ -84,3 +87,15 @@ def test_what_cannot_be_scored_is_one_line(
     truth = table(tmp_path / "truth.csv", "t_s,x_m,y_m", np.column_stack([T_S, XY_M]))
     done = command("score", tmp_path / "mine.csv", *(part for name in options for part in (name, truth)))
     assert done.code == 1 and why in done.err and "Traceback" not in done.err
+
+
+def test_a_damaged_matlab_file_is_refused_and_ends_no_process(tmp_path: Path) -> None:
+    """`scipy.io.loadmat` ends the process, or raises `UnboundLocalError`, on some of these."""
+    from scipy.io import savemat
+
+    savemat(tmp_path / "track.mat", {"track": np.ones((30, 4))})
+    whole = (tmp_path / "track.mat").read_bytes()
+    for place in range(128, 184):
+        (tmp_path / "track.mat").write_bytes(whole[:place] + b"\xff" + whole[place + 1 :])
+        with contextlib.suppress(RecordingError):
+            read_track(tmp_path / "track.mat")

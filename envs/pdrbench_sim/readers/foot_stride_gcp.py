@@ -22,8 +22,8 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Reader
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Tally
+from pdrbench_formats.recordings.matfile import has_variables, load
 from pdrbench_formats.recordings.unit import MIRROR_Y, make_log, repeated
-from pdrbench_sim.readers.matfile import has_variables, load
 
 
 def read(path: Path | str) -> Log:

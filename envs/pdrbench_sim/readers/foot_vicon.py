@@ -22,8 +22,8 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Reader
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Tally
+from pdrbench_formats.recordings.matfile import MatFile, has_variables, load
 from pdrbench_formats.recordings.unit import MIRROR_Y, make_log, repeated
-from pdrbench_sim.readers.matfile import MatFile, has_variables, load
 
 _JITTER_S: Final = 0.01  # the time of the logger wanders by 4 ms; what goes back by more is out of order
 _LOST_SAMPLES: Final = 4  # repeats of one position; captured positions repeat once or twice, lost ones 8 to 183 times

@@ -24,7 +24,7 @@ from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.reader import Reader
 from pdrbench.radio import survey_of_table
 from pdrbench.recording import RadioMap
-from pdrbench_sim.readers.matfile import MatFile, has_variables, load
+from pdrbench_formats.recordings.matfile import MatFile, has_variables, load
 
 NOT_HEARD: Final = 100.0
 EARTH_RADIUS_M: Final = 6_378_137.0  # of the sphere of Web Mercator (EPSG:3857)

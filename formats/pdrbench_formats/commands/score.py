@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -115,15 +116,14 @@ def read_track(path: Path) -> tuple[Trajectory, GeoFrame | None, str]:
 
 def _matlab(path: Path) -> FloatArray:
     """(N, 3 or more) time, x, y of a .mat file: one matrix with these columns, or vectors t, x and y."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from pdrbench_formats.recordings.matfile import load
 
     remedy = "save a matrix with columns t, x, y (and level), or vectors of these names: save('track.mat', '-v7', ...)"
-    try:
-        found = {name.lower(): value for name, value in loadmat(path).items() if isinstance(value, np.ndarray)}
-    except (OSError, ValueError, NotImplementedError, MatReadError, TypeError) as error:
-        raise RecordingError(f"{path}: {error}; {remedy}") from error
-    numbers = {name: np.asarray(value, np.float64) for name, value in found.items() if value.dtype.kind in "fiu"}
+    numbers: dict[str, FloatArray] = {}
+    found = load(path, ()).names
+    for name in found:
+        with contextlib.suppress(RecordingError):  # of a variable that is none of numbers
+            numbers[name.lower()] = load(path, (name,)).variables[name]
     vectors = {name: value.ravel() for name, value in numbers.items() if value.size == max(value.shape, default=0)}
     t_s = next((vectors[name] for name in ("t", "t_s", "time", "time_s") if name in vectors), None)
     columns = [vectors[name] for name in ("x", "y", "x_m", "y_m", "level") if name in vectors]

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, read_only
+from pdrbench_formats.recordings.matfile import load
 from pdrbench_sim.readers.foot_vicon import samples
-from pdrbench_sim.readers.matfile import load
 
 DETECTORS: Final = ("shoe", "ared", "amvd", "mbgtd", "vicon")
 # Column of `trial_error`. The third repeats the second in every file of the set, also where the labels of the two

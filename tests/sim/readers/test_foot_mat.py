@@ -13,8 +13,8 @@ from scipy.io import loadmat, savemat
 
 from pdrbench.errors import RecordingError
 from pdrbench.sensors import sensor_spec
+from pdrbench_formats.recordings.matfile import load
 from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
-from pdrbench_sim.readers.matfile import load
 
 RATE_HZ = 200.0
 NUM_SAMPLES = 400
@@ -111,7 +111,7 @@ def test_damage_is_refused_wherever_it_is(
 
 
 def test_a_variable_that_inflates_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdrbench_sim.readers.matfile.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("pdrbench_formats.recordings.matfile.MAX_BYTES", 1 << 20)
     path = put(tmp_path, {"imu": np.zeros((1 << 20, 6)), "ts": 0.0, "gt": 0.0}, compress=True)
     assert path.stat().st_size < 1 << 20
     with pytest.raises(RecordingError, match="larger than 1 MiB"):

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from pdrbench.errors import RecordingError
-from pdrbench_sim.readers.matfile import load
+from pdrbench_formats.recordings.matfile import load
 from pdrbench_sim.readers.wifi_fingerprints import read
 
 Database = dict[str, Any]
