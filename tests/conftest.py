@@ -66,7 +66,7 @@ settings.load_profile("busy")
 PR_SET_CHILD_SUBREAPER = 36
 GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around
 TIMEOUT_S: Final = 30.0
-KERNELS: Final = ("tests/baselines/", "tests/inertial/", "tests/sensors/", "tests/filters/", "tests/radio/")
+KERNELS: Final = ("tests/inertial/", "tests/baselines/", "tests/sensors/", "tests/filters/", "tests/radio/")
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome")
 FLAGS: Final = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
@@ -218,9 +218,10 @@ class Orphans:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests of confinement skip where there is none.
 
-    Those of kernels come first, for one worker, which compiles them once: workers begin at equal distances.
+    Those of kernels come first, by room, for one worker, which compiles them once: workers begin at equal distances.
     """
-    items.sort(key=lambda item: not item.path.relative_to(item.config.rootpath).as_posix().startswith(KERNELS))
+    paths = {item: item.path.relative_to(item.config.rootpath).as_posix() for item in items}
+    items.sort(key=lambda item: [not paths[item].startswith(room) for room in KERNELS])
     for item in items:
         if sys.platform != "linux" and item.get_closest_marker("confinement"):
             item.add_marker(pytest.mark.skip(reason="localizers are confined on Linux only"))
