@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 import re
-import warnings
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from packaging.version import Version
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
@@ -25,6 +27,8 @@ _NUMBER = re.compile(rb"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _HASH_BYTES: Final = 24  # an address of a network has 17
 _HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
 HEAD_BYTES: Final = 65_536
+# What reads decimals to the last bit: later versions of pandas do it anyway.
+_EXACT: Final[dict[str, Any]] = {} if Version(pd.__version__) >= Version("3.1") else {"float_precision": "round_trip"}
 _IN_NUMBERS: Final = np.isin(np.arange(256), list(b"0123456789.+-eE\t\n"))  # of numbers and their marks
 _SHORT = re.compile(rb"^\d{1,9}(?=\tTYPE_)", re.MULTILINE)  # milliseconds from 0 without leading zeros: eleven days
 _HEADER = re.compile(rb"#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):")  # fast as it begins plainly
@@ -76,10 +80,10 @@ class Lines:
         inside[begin] += 1
         inside[end + 1] -= 1  # with the mark behind each, which parts it from the next
         text = self.codes[np.cumsum(inside[:-1], dtype=np.int8) > 0]
+        text[text == _TAB] = _LINE_FEED
         if _IN_NUMBERS[text].all():
-            with warnings.catch_warnings(), contextlib.suppress(ValueError, DeprecationWarning):
-                warnings.simplefilter("error", DeprecationWarning)  # of a text that is no number
-                found = np.fromstring(text.tobytes(), sep=" ")
+            with contextlib.suppress(ValueError):  # of a text that is no number
+                found = pd.read_csv(io.BytesIO(text.tobytes()), header=None, dtype=np.float64, **_EXACT)[0].to_numpy()
                 if len(found) == len(begin):
                     numbers = np.empty(len(begin))
                     numbers[order] = found
