@@ -35,7 +35,7 @@ from pdrbench.task import SURVEYS, Task
 OURS = "pdrbench"  # the distribution; the laboratory tests its own
 ENVIRONMENTS = sorted(name for name, entry in environments().items() if entry.package == OURS)
 LOCALIZERS = sorted(name for name, entry in localizers().items() if entry.package == OURS)
-OF_POSITIONS = ("koeping2012", "koeping2012_heading")
+OF_POSITIONS = ("koeping2012",)
 SMALL = "CampusStride-v1"  # the environment of the default run where one is enough
 BEGIN_S = 12.0  # of a walk: it has steps, scans and all first looks
 SCANS_LEFT_OUT = 6  # for each that is kept: what is fitted to a survey takes as long as it is large

@@ -11,7 +11,6 @@ LOCALIZERS = {
     "fusion": "pdrbench_baselines.fusion.localizer:Fusion",
     "gp_wifi": "pdrbench_baselines.gp_wifi.localizer:GpWifi",
     "koeping2012": "pdrbench_baselines.koeping2012.localizer:Koeping2012",
-    "koeping2012_heading": "pdrbench_baselines.koeping2012.heading:Koeping2012Heading",
     "learned": "pdrbench_baselines.learned.localizer:Learned",
     "li2012": "pdrbench_baselines.li2012.localizer:Li2012",
     "oracle": "pdrbench_baselines.oracle:Oracle",

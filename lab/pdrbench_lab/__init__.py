@@ -46,6 +46,7 @@ LOCALIZERS = {
     "gaitmap_rts": "pdrbench_lab.outsiders.gaitmap_rts:GaitmapRts",
     "imufusion_gait": "pdrbench_lab.outsiders.imufusion_gait:ImufusionGait",
     "indoorloc_wknn": "pdrbench_lab.outsiders.indoorloc_wknn:IndoorlocWknn",
+    "koeping2012_heading": "pdrbench_lab.papers.koeping2012.heading:Koeping2012Heading",
     "magnetic": "pdrbench_lab.magnetic.localizer:Magnetic",
     "ronin": "pdrbench_lab.learned.odometry.localizer:Ronin",
     "sklearn_knn": "pdrbench_lab.outsiders.sklearn_knn:SklearnKnn",

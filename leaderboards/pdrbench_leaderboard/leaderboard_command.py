@@ -1,30 +1,25 @@
-"""`pdrbench leaderboard new|run|draw|play|score|build|check|serve|key|round`."""
+"""`pdrbench leaderboard new|run|draw|play|score|build|check|key|round`."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated
 
 import typer
 
-from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
-from pdrbench.errors import BundleError, ResultError
+from pdrbench.cli.output import AsJson, answer_only, print_json, say
+from pdrbench.errors import BundleError
 from pdrbench_leaderboard import rounds_command
 from pdrbench_leaderboard.steps_command import ROOT, KeptWork, Root, add_step_commands
 from pdrbench_leaderboard.submit_command import tell_findings
-
-if TYPE_CHECKING:
-    from http.server import ThreadingHTTPServer
 
 app = typer.Typer(no_args_is_help=True, help="Play, build, check and show the boards.")
 keys = typer.Typer(no_args_is_help=True, help="For maintainers: keys that sign verifications.")
 app.add_typer(keys, name="key")
 app.add_typer(rounds_command.app, name="round")
 add_step_commands(app)
-
-HOST: Final = "127.0.0.1"  # reachable from this machine only
 
 
 @app.command("new")
@@ -150,18 +145,6 @@ def release(
     say(f"{record.name} on {record.board} is verified{f'; it was held: {why}' if (why := held(record)) else ''}")
 
 
-@app.command("serve")
-def serve(
-    site: Annotated[Path, typer.Argument(metavar="DIR", help="What `build` wrote.")] = Path("site"),
-    port: Annotated[int, typer.Option(min=0, max=65_535, metavar="N", help="0 takes a free one.")] = 8000,
-) -> None:
-    """Show the site on this machine only, until Ctrl-C."""
-    server = make_server(site, port)
-    note(f"http://{HOST}:{server.server_port}/ (Ctrl-C ends)")
-    with server:
-        server.serve_forever()
-
-
 @keys.command("new")
 def new_key(
     path: Annotated[
@@ -175,22 +158,3 @@ def new_key(
     from pdrbench_leaderboard.signing import new_key as make_key
 
     say(make_key(path, owner, datetime.datetime.now(datetime.UTC).date()).rstrip("\n"))
-
-
-def make_server(site: Path, port: int) -> ThreadingHTTPServer:
-    """A server of a folder that listens on this machine alone.
-
-    Raises:
-        ResultError: The folder holds no site, or the port is taken.
-    """
-    from functools import partial
-    from http.server import ThreadingHTTPServer
-
-    from pdrbench_leaderboard.serving import SiteHandler
-
-    if not (site / "index.html").is_file():
-        raise ResultError(f"no site in {site}; `pdrbench leaderboard build --out {site}` writes it")
-    try:
-        return ThreadingHTTPServer((HOST, port), partial(SiteHandler, directory=str(site)))
-    except OSError as error:
-        raise ResultError(f"cannot listen on port {port}: {error.strerror}; choose another with --port") from error

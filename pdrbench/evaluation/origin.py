@@ -12,6 +12,7 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
+import threading
 from pathlib import Path
 
 from pdrbench.errors import PluginError, unknown_name
@@ -21,6 +22,7 @@ from pdrbench.registry import environments, localizer_entry, localizers, task_pl
 from pdrbench.settings import split_name
 
 _IMPORTS = (ast.Import, ast.ImportFrom)
+_PARSING = threading.Lock()  # CPython 3.11 counts the depth of all threads as one, and fails where two parse at once
 
 
 def localizer_target(name: str) -> str:
@@ -67,7 +69,8 @@ def target_sha256(target: str) -> str:
 def _check_defined(path: Path, attribute: str) -> None:
     """Raises `PluginError` where a file, which is not run, plainly has no such class."""
     try:
-        lines = ast.parse(path.read_bytes()).body
+        with _PARSING:
+            lines = ast.parse(path.read_bytes()).body
     except (SyntaxError, ValueError):  # whoever loads it says what is wrong
         return
     names = [line.name for line in lines if isinstance(line, (ast.ClassDef, ast.FunctionDef))]

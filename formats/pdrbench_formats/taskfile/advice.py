@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # docs/choose.md, the best first: each declines what it lacks, so the first that plays is the one to take.
 ADVISED: Final = (
-    *("fusion", "foot_ins_robust", "wifi_knn", "learned", "li2012", "woodman2008", "koeping2012_heading"),
+    *("fusion", "foot_ins_robust", "wifi_knn", "learned", "li2012", "woodman2008", "koeping2012"),
     *("foot_ins", "gp_wifi", "dead_reckoning"),
 )
 ON_PLAN: Final = ("fusion", "li2012")  # of three walks without a heading fusion lost two (12 and 45 m)

@@ -1,4 +1,4 @@
-"""koeping2012 and koeping2012_heading: behaviour and bad observations."""
+"""koeping2012: behaviour and bad observations."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import SensorSpec
 from pdrbench.sensors import sensor_spec
-from pdrbench_baselines.koeping2012.heading import Koeping2012Heading, KoepingHeadingParams
 from pdrbench_baselines.koeping2012.localizer import Koeping2012, KoepingParams
 from pdrbench_sim.buildings.assembly import Cell, Opening, assemble, rectangle
 
-BOTH = pytest.mark.parametrize("make", [Koeping2012, Koeping2012Heading])
 NOTHING = np.zeros((0, 3))
 
 
@@ -34,11 +32,8 @@ def brief(building: Building | None, spec: SensorSpec | None = None, period_s: f
     return Briefing(building, {spec.name: spec}, period_s)
 
 
-PARAMS = {Koeping2012: KoepingParams, Koeping2012Heading: KoepingHeadingParams}
-
-
-def begun(make, building: Building, seed: int = 0, **options):
-    localizer = make(PARAMS[make](**options))
+def begun(building: Building, seed: int = 0, **options):
+    localizer = Koeping2012(KoepingParams(**options))
     localizer.reset(brief(building), np.random.default_rng(seed))
     return localizer
 
@@ -58,16 +53,14 @@ def walk_along(localizer, noise_m: float = 0.0, seed: int = 0) -> np.ndarray:
     return np.array(errors)
 
 
-@BOTH
-def test_follows_a_walker_from_an_unknown_start(make, rooms: Building) -> None:
-    errors_m = walk_along(begun(make, rooms))
+def test_follows_a_walker_from_an_unknown_start(rooms: Building) -> None:
+    errors_m = walk_along(begun(rooms))
     assert errors_m.max() < 0.8
     assert errors_m[1:].mean() < 0.4
 
 
-@BOTH
-def test_particles_are_on_the_floor_and_as_many_as_asked_for(make, rooms: Building) -> None:
-    localizer = begun(make, rooms, num_particles=300)
+def test_particles_are_on_the_floor_and_as_many_as_asked_for(rooms: Building) -> None:
+    localizer = begun(rooms, num_particles=300)
     walk_along(localizer, 0.3)
     state = localizer.debug()
     assert state["num_particles"] == 300
@@ -75,10 +68,9 @@ def test_particles_are_on_the_floor_and_as_many_as_asked_for(make, rooms: Buildi
     assert state["particles_weight"].sum() == pytest.approx(1.0)
 
 
-@BOTH
 @pytest.mark.parametrize("where", [(1e5, -1e5), (23.0, 3.0), (-40.0, 3.0)])
-def test_an_observation_far_from_particles_or_floor_is_answered_on_the_floor(make, rooms: Building, where) -> None:
-    localizer = begun(make, rooms)
+def test_an_observation_far_from_particles_or_floor_is_answered_on_the_floor(rooms: Building, where) -> None:
+    localizer = begun(rooms)
     for k in range(3):
         see(localizer, float(k), (float(k), 3.0, 3.0))
     for k in range(3, 8):
@@ -91,34 +83,32 @@ def test_an_observation_far_from_particles_or_floor_is_answered_on_the_floor(mak
 
 def test_particles_do_not_jump_to_a_part_that_nothing_connects(rooms: Building) -> None:
     """Documented outcome: particles in one part never reach another, whatever the sensor says."""
-    localizer = begun(Koeping2012, rooms)
+    localizer = begun(rooms)
     for k in range(4):
         see(localizer, float(k), (float(k), 2.0, 3.0))
     found = [see(localizer, float(k), (float(k), 23.0, 3.0)) for k in range(4, 30)][-1]
     assert 14.0 < found.xy_m[0] <= 16.0  # at the wall nearest to it
-    fresh = begun(Koeping2012, rooms)
+    fresh = begun(rooms)
     assert see(fresh, 0.0, (0.0, 23.0, 3.0)).xy_m == pytest.approx([23.0, 3.0], abs=0.4)
 
 
 def test_missing_observations_move_particles_without_weighing(rooms: Building) -> None:
-    localizer = begun(Koeping2012, rooms)
+    localizer = begun(rooms)
     known = see(localizer, 0.0, (0.0, 4.0, 3.0))
     unknown = [see(localizer, float(k)) for k in range(1, 8)][-1]
     assert known.sigma_m < 0.5 < 1.0 < unknown.sigma_m
     assert see(localizer, 8.0, (8.0, 4.0, 3.0)).sigma_m < 0.8
 
 
-@BOTH
-def test_after_a_gap_or_several_rows_the_last_row_decides(make, rooms: Building) -> None:
-    localizer = begun(make, rooms)
+def test_after_a_gap_or_several_rows_the_last_row_decides(rooms: Building) -> None:
+    localizer = begun(rooms)
     see(localizer, 0.0, (0.0, 3.0, 3.0))
     found = see(localizer, 9.0, (8.0, 11.0, 3.0), (9.0, 12.3, 3.0))
     assert found.xy_m == pytest.approx([12.3, 3.0], abs=1.5)
 
 
-@BOTH
-def test_duplicate_late_and_broken_rows_are_passed_over(make, rooms: Building) -> None:
-    clean, dirty = begun(make, rooms), begun(make, rooms)
+def test_duplicate_late_and_broken_rows_are_passed_over(rooms: Building) -> None:
+    clean, dirty = begun(rooms), begun(rooms)
     nan = float("nan")
     for k in range(6):
         row = (float(k), 3.0 + k, 2.5)
@@ -136,34 +126,15 @@ def test_the_table_is_made_for_the_rhythm_of_the_sensor(rooms: Building) -> None
 
 
 def test_the_heaviest_cell_is_one_of_the_cells(rooms: Building) -> None:
-    localizer = begun(Koeping2012, rooms, estimate="map")
+    localizer = begun(rooms, estimate="map")
     found = [see(localizer, float(k), (float(k), 4.0, 3.0)) for k in range(3)][-1]
     assert np.allclose(np.mod(found.xy_m, 0.5), 0.25)
     assert found.xy_m == pytest.approx([4.0, 3.0], abs=0.8)
-
-
-def test_headings_learn_an_offset_from_walls() -> None:
-    """A corridor of 2 m: the offset across it cannot stay."""
-    corridor = Building("corridor", assemble([Cell("c", rectangle(0, 0, 80, 2), 0.0, 0)], []))
-    localizer = begun(Koeping2012Heading, corridor, sigma0_m=1.0)
-    rng, offset_m = np.random.default_rng(3), np.array([0.0, 0.0])
-    errors_m = []
-    for k in range(50):
-        true_m = np.array([5 + 1.3 * k, 1.0])
-        offset_m = offset_m + [0.0, 0.06] + 0.1 * rng.standard_normal(2)  # 3 m to the side in the end
-        found = see(localizer, float(k), (float(k), *(true_m + offset_m)))
-        errors_m.append(abs(found.xy_m[1] - 1.0))
-    assert abs(offset_m[1]) > 2.0 and max(errors_m) < 0.7
-    assert abs(found.heading_rad) < 0.3
-    assert localizer.debug()["deaths"] == 0
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
     for wrong in ({"num_particles": 0}, {"sigma0_m": 0.0}, {"q_m2ps": -1.0}, {"estimate": "mode"}):
         with pytest.raises(PdrbenchError):
             KoepingParams(**wrong)  # type: ignore[arg-type]
-    for wrong in ({"q_m2ps": 0.0}, {"keeps_fraction": 1.0}, {"anew_mps": -1.0}):
-        with pytest.raises(PdrbenchError):
-            KoepingHeadingParams(**wrong)  # type: ignore[arg-type]
     with pytest.raises(MapError, match="no floor"):
         Building("nothing", ())

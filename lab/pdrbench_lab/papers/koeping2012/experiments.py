@@ -16,11 +16,11 @@ from pdrbench.building.polygons import FloorPolygon
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.sensors.position import PositionErrors
-from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
 from pdrbench_baselines.koeping2012.localizer import Koeping2012, KoepingParams
 from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
 from pdrbench_baselines.koeping2012.movement_cells import cut_floor
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
+from pdrbench_lab.papers.koeping2012.heading import Koeping2012Heading
 from pdrbench_lab.papers.koeping2012.linear import linear_walk
 from pdrbench_lab.papers.koeping2012.positions import Reading, measure
 from pdrbench_lab.papers.paper_walks import map_of, walk_of

@@ -14,13 +14,13 @@ from pdrbench.localizer import Observation
 from pdrbench.picture import estimate_style
 from pdrbench.picture.plan import draw_level
 from pdrbench.sensors.position import PositionErrors
-from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
 from pdrbench_baselines.koeping2012.localizer import Koeping2012
 from pdrbench_baselines.koeping2012.movement import MovementTable, build_table
 from pdrbench_formats.replays.view import Dots
 from pdrbench_lab.drawing import draw_dots, draw_path
 from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.papers.koeping2012.experiments import AT_S, COUNTS, ENVS, SPEED_COUNTS, play
+from pdrbench_lab.papers.koeping2012.heading import Koeping2012Heading
 from pdrbench_lab.papers.koeping2012.linear import STOPS_M, linear_walk
 from pdrbench_lab.papers.paper_walks import map_of, walk_of
 

@@ -227,7 +227,8 @@ def wlan_starts(seed: int) -> dict[str, Any]:
 def starts_of(seed: int, radio: PropagationParams, known_dbm: dict[bytes, FloatArray] | None = None) -> dict[str, Any]:
     """The same with access points and a receiver of one's own; receivers share what is known of a place."""
     from pdrbench_lab.papers.woodman2008.shared_field import SharedField
-    from pdrbench_sim.radio.wlan import make_radio_field, survey
+    from pdrbench_lab.papers.woodman2008.survey import survey
+    from pdrbench_sim.radio.wlan import make_radio_field
 
     recording, _ = walk_of(LOST, seed)
     building, reference = map_of(recording), recording.reference

@@ -172,7 +172,7 @@ def propagation() -> PropagationParams:
 @functools.lru_cache(maxsize=8)
 def _survey(split: str, index: int) -> RadioMap:
     from pdrbench.radio import divide
-    from pdrbench_sim.radio.wlan import survey
+    from pdrbench_lab.papers.woodman2008.survey import survey
 
     field = _radio_field(split, index)
     return survey(WALKS.rng(split, _SURVEY, index), field, divide(_building(split, index)))
