@@ -20,6 +20,7 @@ from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 NINE: Final = 9
 FIFTEEN: Final = 15
 YAW: Final[Any] = np.int64(8)  # its place among the errors; functions would be compiled again for a literal
+HEADING_UPDATE: Final[Any] = np.int64(6)  # its place among the updates, likewise
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
@@ -481,7 +482,7 @@ def advance(
                     has_update = True
                     variance = _measure(cov, error, YAW, innovation, heading_noise, gain, size)
                     if keeps:
-                        _keep(record, k, YAW - 2, YAW, gain, innovation, variance)
+                        _keep(record, k, HEADING_UPDATE, YAW, gain, innovation, variance)
             if has_update:
                 correct(x, error, size)
                 for i in range(n):

@@ -97,6 +97,15 @@ def bias_m(held: Held, reference: Trajectory) -> float:
     return float(np.hypot(*offsets_m(held, reference).mean(axis=0))) if reference.surveyed.any() else math.nan
 
 
+def covariance_m2(held: Held, reference: Trajectory) -> FloatArray:
+    """(2, 2) covariance of the error vector in m^2, building frame: (1/n) sum (E_k - mean E)(E_k - mean E)^T."""
+    offset_m = offsets_m(held, reference)
+    if not len(offset_m):
+        return np.full((2, 2), math.nan)
+    centred = offset_m - offset_m.mean(axis=0)
+    return np.asarray(centred.T @ centred / len(centred))
+
+
 def circular_error_m(
     held: Held, reference: Trajectory, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
 ) -> float:

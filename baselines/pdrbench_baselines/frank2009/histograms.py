@@ -159,6 +159,7 @@ class HistogramTable:
             raise RecordingError(f"scan: give one RSSI per access point; got {x_dbm.shape} for {received.shape}")
         if not (np.isfinite(received).all() and np.isfinite(x_dbm).all()):
             raise RecordingError("scan: access points and RSSI must be numbers; leave out readings without")
+        # A copy: for a read-only array the kernel would be compiled again.
         reading = strongest_readings(self.access_point.copy(), received, x_dbm)
         column = np.flatnonzero(reading >= 0)
         if not len(column):

@@ -75,12 +75,6 @@ class TileMap:
         """(rows, columns) distance from the mid-line: half the width less the distance from the wall."""
         return self.half_width_m - self.wall_m
 
-    def tile_of(self, xy_m: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column (N,) of places (N, 2); those outside have the nearest."""
-        tile = np.floor((xy_m - self.origin_xy_m) / self.tile_m).astype(np.int64)
-        rows, columns = self.kind.shape
-        return np.clip(tile[:, 1], 0, rows - 1), np.clip(tile[:, 0], 0, columns - 1)
-
 
 @functools.lru_cache(maxsize=16)
 def tile_map(building: Building, level: int, params: TileParams | None = None) -> TileMap:

@@ -31,8 +31,13 @@ def plan() -> Building:
     return Building("plan", (FloorPolygon("floor", OUTLINE, [WALL] * len(OUTLINE), 0.0, 0),))  # type: ignore[arg-type]
 
 
+def tile_of(tiles: TileMap, xy_m: np.ndarray) -> np.ndarray:
+    """(2, N) rows and columns of places (N, 2)."""
+    return np.floor((xy_m - tiles.origin_xy_m) / tiles.tile_m).astype(np.int64).T[::-1]
+
+
 def at(tiles: TileMap, field: np.ndarray, *xy_m: float) -> float:
-    row, column = tiles.tile_of(np.array([xy_m]))
+    row, column = tile_of(tiles, np.array([xy_m]))
     return float(field[row[0], column[0]])
 
 
@@ -47,7 +52,7 @@ def test_width_separates_corridors_from_rooms(plan: Building) -> None:
 def test_the_middle_third_of_a_corridor_is_its_middle(plan: Building) -> None:
     tiles = tile_map(plan, 0, TileParams(tile_m=0.1))
     y = np.arange(5.05, 7.0, 0.1)
-    row, column = tiles.tile_of(np.column_stack([np.full_like(y, 22.0), y]))
+    row, column = tile_of(tiles, np.column_stack([np.full_like(y, 22.0), y]))
     middle = tiles.is_middle[row, column]
     off_m = np.abs(y - 6.0)
     assert middle[off_m < 0.25].all()  # a third of 2 m is 0.33 m to each side, to within a tile
@@ -58,7 +63,7 @@ def test_the_middle_third_of_a_corridor_is_its_middle(plan: Building) -> None:
 def test_a_corridor_narrower_than_a_tile_is_still_there(plan: Building) -> None:
     tiles = tile_map(plan, 0, TileParams(tile_m=0.5))
     y = np.arange(13.0, 19.5, 0.5)
-    row, column = tiles.tile_of(np.column_stack([np.full_like(y, 6.05), y]))
+    row, column = tile_of(tiles, np.column_stack([np.full_like(y, 6.05), y]))
     assert (tiles.kind[row, column] == PATH_TILE).all()
     assert tiles.is_middle[row, column].all()
     assert tiles.wall_m[row, column].max() <= 0.05 + 1e-9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -24,8 +26,8 @@ def rooms() -> Building:
     return Building("rooms", assemble(cells, [Opening("a", "b", (8.0, 2.0), (8.0, 3.0))]))
 
 
-def begun(building: Building, **options: float) -> Koeping2012Heading:
-    localizer = Koeping2012Heading(KoepingHeadingParams(**options))  # type: ignore[arg-type]
+def begun(building: Building, **options: Any) -> Koeping2012Heading:
+    localizer = Koeping2012Heading(KoepingHeadingParams(**options))
     spec = sensor_spec("position")
     localizer.reset(Briefing(building, {spec.name: spec}, 1.0), np.random.default_rng(0))
     return localizer
@@ -86,6 +88,6 @@ def test_headings_learn_an_offset_from_walls() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"q_m2ps": 0.0}, {"keeps_fraction": 1.0}, {"anew_mps": -1.0}])
-def test_settings_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
+def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(PdrbenchError):
-        KoepingHeadingParams(**wrong)  # type: ignore[arg-type]
+        KoepingHeadingParams(**wrong)
