@@ -72,8 +72,8 @@ class Settings:
         scheduler: Address of a Dask scheduler whose workers play; None: this machine.
         parts: That are played.
         walks: At most so many of each part, for a try; None: all.
-        isolation: Of localizers; None: "none" for those of pdrbench, whose code evaluates as well, "process" for others
-            that are registered, "confined" for what is not.
+        isolation: Of localizers; None: "none" for those of pdrbench where no cluster plays, as their code evaluates as
+            well; "process" for others that are registered, "confined" for what is not.
         supplies: Wheels and weights of folders that were sent.
         key: Private key that signs entries; None: they are not signed.
         progress: Shows on stderr how far it is.
@@ -99,7 +99,8 @@ class Settings:
 
     def isolation_of(self, entrant: Entrant) -> Isolation:
         """What an entry runs in."""
-        return self.isolation or ("none" if entrant.is_ours else "process" if entrant.is_registered else CONFINED)
+        is_here = entrant.is_ours and self.scheduler is None
+        return self.isolation or ("none" if is_here else "process" if entrant.is_registered else CONFINED)
 
     def check(self, wanted: Sequence[Entrant]) -> None:
         """Raises where a stranger's code would run beside a secret or a key in a process that is not confined.

@@ -27,7 +27,7 @@ from pdrbench.settings import with_settings_of
 
 
 def compute_in_process(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
-    """The work of a job with the localizer in this process, which it may take down."""
+    """The work of a job with the localizer in the process that does it, which it may take down."""
     result = refused(job, memory)
     if result is None:
         began_s = time.process_time()

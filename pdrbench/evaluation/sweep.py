@@ -61,13 +61,14 @@ def evaluate(
         seeds: Every walk is run with the seeds 0 to `seeds` - 1. One is enough: chance differs from walk to walk
             anyway, and more walks tell more than more seeds.
         walks: Only the first so many of the split, or those with these ids. None: all.
-        jobs: Processes; none of them is this one.
+        jobs: Processes; this one is among them with one job and the isolation "none" only.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
         isolation: "process": in a process of its own, which plays one walk after the other; "confined": every walk
             alone, in a process that may do as little as the system can make sure of, as strangers' code is verified:
             the result says what held, and an error where that does not keep it from files and networks; "none": in
-            this process, for debugging: a localizer that crashes takes it down.
+            the process that evaluates, which with one job is this one: for debugging, and for code that one trusts. A
+            localizer that crashes takes it down.
         budget: Wall time of every localizer.
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
@@ -106,7 +107,7 @@ def evaluate(
         context = JobContext(
             folder=folder,
             run=uuid.uuid4().hex,
-            owner=0 if isolation == NONE else os.getpid(),
+            owner=0 if isolation == NONE and jobs == 1 else os.getpid(),
             compute=compute_in_process if isolation == NONE else compute_in_child,
             keeps=out is not None,
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
@@ -134,10 +135,8 @@ def _canonical(names: Sequence[str], loads: bool | None) -> list[str]:
 def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:
     if isolation not in get_args(Isolation):
         raise PdrbenchError(f"isolation is one of {', '.join(get_args(Isolation))}; got {isolation!r}")
-    if isolation == NONE and jobs > 1:
-        raise PdrbenchError(f"isolation 'none' runs localizers in this process, one after the other; got {jobs} jobs")
     if on_cluster and isolation == NONE:
-        raise PdrbenchError("isolation 'none' runs localizers in this process, which is none of the cluster")
+        raise PdrbenchError("isolation 'none' runs localizers in processes that evaluate; a cluster's have threads")
     if on_cluster and jobs > 1:
         raise PdrbenchError(f"jobs are processes of this machine, and a cluster has its own workers; got {jobs} jobs")
 

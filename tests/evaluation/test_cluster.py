@@ -137,7 +137,7 @@ def test_missing_software_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [({"jobs": 2}, "a cluster has its own workers"), ({"isolation": "none"}, "none of the")]
+    ("options", "message"), [({"jobs": 2}, "a cluster has its own workers"), ({"isolation": "none"}, "have threads")]
 )
 def test_options_that_a_cluster_does_not_support_are_refused(
     localizer: Callable[[str], str], options: dict[str, Any], message: str

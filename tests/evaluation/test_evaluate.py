@@ -62,6 +62,7 @@ def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec
     here = run(isolation="none")
     assert run(jobs=1) == here
     assert run(jobs=2) == here
+    assert run(jobs=2, isolation="none") == here, "each of them evaluates"
     assert len(set(here)) == 12, "every walk and seed has randomness of its own"
 
 
@@ -366,7 +367,6 @@ def test_provenance_names_the_inputs_of_a_result(localizer: Spec) -> None:
         ({"localizers": "corridor_plugin:Nothing", "isolation": "none"}, PluginError, "Nothing"),
         ({"localizers": "corridor_plugin:Nothing", "isolation": "confined"}, PluginError, "registers environments"),
         ({"isolation": "some"}, PdrbenchError, "isolation is one of process, confined, none"),
-        ({"isolation": "none", "jobs": 2}, PdrbenchError, "one after the other"),
         ({"budget": Budget(), "walks": "2"}, PdrbenchError, "walks is a whole number"),
         ({"localizers": "corridor_plugin:WALKS", "isolation": "none"}, PluginError, "not a class"),
         ({"jobs": 0}, PdrbenchError, "jobs is a whole number, at least 1"),

@@ -188,6 +188,7 @@ def test_registered_localizers_bring_their_card_and_others_need_one(
     card = card_named("mine")
     runs_in = [usual.isolation_of(Entrant(spec, card)) for spec in ("li2012?map=false", f"{submitted}:Mine")]
     assert runs_in == ["none", "confined"], "what comes with pdrbench needs no process of its own"
+    assert dataclasses.replace(usual, scheduler="tcp://far:1").isolation_of(Entrant("stay", card)) == "process"
 
 
 def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(
