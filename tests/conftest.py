@@ -215,13 +215,22 @@ class Orphans:
 
 
 @pytest.hookimpl(tryfirst=True)
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Each worker begins to read the tests with another folder, and finds what the others have compiled."""
+    if worker and session.config.args == ["tests"]:
+        rooms = sorted(map(str, Path("tests").glob("[!_]*/")))
+        begin = len(rooms) * (int(worker) % len(PARTS)) // len(PARTS)
+        session.config.args = [*rooms[begin:], *rooms[:begin], *sorted(map(str, Path("tests").glob("test_*.py")))]
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests of confinement skip where there is none.
 
     Those of kernels come first, by room, for one worker, which compiles them once: workers begin at equal distances.
     """
     paths = {item: item.path.relative_to(item.config.rootpath).as_posix() for item in items}
-    items.sort(key=lambda item: [not paths[item].startswith(room) for room in KERNELS])
+    items.sort(key=lambda item: ([not paths[item].startswith(room) for room in KERNELS], paths[item]))
     for item in items:
         if sys.platform != "linux" and item.get_closest_marker("confinement"):
             item.add_marker(pytest.mark.skip(reason="localizers are confined on Linux only"))

@@ -1,13 +1,11 @@
-"""Trajectories for other programs: CSV for spreadsheets, TUM for evo, GeoJSON and GPX for maps."""
+"""Trajectories for other programs: CSV for spreadsheets, TUM for evo, GeoJSON for maps."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -28,13 +26,13 @@ def write_path(
     start_unix_s: float | None = None,
     name: str = "",
 ) -> None:
-    """Writes a trajectory in the format that the suffix names: .csv, .tum, .geojson, .gpx.
+    """Writes a trajectory in the format that the suffix names: .csv, .tum, .geojson.
 
     Args:
         path: Of the new file.
         track: A reference, or the estimates of a walk; missing estimates are empty in CSV and left out elsewhere.
-        geo: The frame of the track, needed for GeoJSON and GPX.
-        start_unix_s: Time 0 in seconds since 1970; times count from 1970 in TUM, and are left out of GPX without it.
+        geo: The frame of the track, needed for GeoJSON.
+        start_unix_s: Time 0 in seconds since 1970; times of TUM count from 1970 with it.
         name: Of the walk.
 
     Raises:
@@ -65,10 +63,12 @@ def as_tum(track: Path2D, geo: GeoFrame | None = None, start_unix_s: float | Non
 
 def as_geojson(track: Path2D, geo: GeoFrame | None = None, start_unix_s: float | None = None, name: str = "") -> str:
     """A line for each stretch on one level, with its level and times; WGS 84 (RFC 7946)."""
-    rows, lon_lat = _on_earth(track, geo)
-    features = []
+    if geo is None:
+        raise PdrbenchError("GeoJSON needs the place on Earth, which neither recording nor map states: write .csv")
+    rows, features = _given(track), []
+    lat_deg, lon_deg = geo.to_geo(rows[:, 1:3])
     for part in _stretches(rows[:, 3]):
-        line = np.round(lon_lat[part], 9).tolist()
+        line = np.round(np.column_stack([lon_deg, lat_deg])[part], 9).tolist()
         kind, coordinates = ("LineString", line) if len(line) > 1 else ("Point", line[0])
         geometry = {"type": kind, "coordinates": coordinates}
         facts = {"name": name, "level": int(rows[part[0], 3]), "t_s": rows[part, 0].tolist()}
@@ -76,32 +76,10 @@ def as_geojson(track: Path2D, geo: GeoFrame | None = None, start_unix_s: float |
     return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
 
 
-def as_gpx(track: Path2D, geo: GeoFrame | None = None, start_unix_s: float | None = None, name: str = "") -> str:
-    """GPX 1.1: a segment for each stretch on one level, which stands in the comment of its points."""
-    rows, lon_lat = _on_earth(track, geo)
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        '<gpx version="1.1" creator="pdrbench" xmlns="http://www.topografix.com/GPX/1/1">',
-        f"<trk><name>{escape(name)}</name>",
-    ]
-    for part in _stretches(rows[:, 3]):
-        lines.append("<trkseg>")
-        for row in part.tolist():
-            time = ""
-            if start_unix_s is not None:
-                stamp = datetime.fromtimestamp(start_unix_s + rows[row, 0], UTC)
-                time = f"<time>{stamp.isoformat(timespec='milliseconds').replace('+00:00', 'Z')}</time>"
-            lon, lat = lon_lat[row]
-            lines.append(f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}">{time}<cmt>level {rows[row, 3]:.0f}</cmt></trkpt>')
-        lines.append("</trkseg>")
-    return "\n".join([*lines, "</trk></gpx>", ""])
-
-
 FORMATS: Final[dict[str, Callable[[Path2D, GeoFrame | None, float | None, str], str]]] = {
     ".csv": as_csv,
     ".tum": as_tum,
     ".geojson": as_geojson,
-    ".gpx": as_gpx,
 }
 
 
@@ -118,16 +96,6 @@ def _given(track: Path2D) -> FloatArray:
     table = _table(track)
     given: FloatArray = table[np.isfinite(table[:, 1:4]).all(axis=1)]
     return given
-
-
-def _on_earth(track: Path2D, geo: GeoFrame | None) -> tuple[FloatArray, FloatArray]:
-    if geo is None:
-        raise PdrbenchError(
-            "GeoJSON and GPX need the place on Earth, which neither recording nor map states; write .csv or .tum"
-        )
-    rows = _given(track)
-    lat_deg, lon_deg = geo.to_geo(rows[:, 1:3])
-    return rows, np.column_stack([lon_deg, lat_deg])
 
 
 def _stretches(level: FloatArray) -> list[np.ndarray[tuple[int], np.dtype[np.int64]]]:

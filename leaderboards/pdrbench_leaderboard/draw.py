@@ -11,7 +11,7 @@ import functools
 import hashlib
 import hmac
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -180,13 +180,14 @@ def draw(
     make_folder(drawn.observations)
     make_folder(drawn.truth)
     tasks = (joblib.delayed(_draw_walk)(listed, secret, walk, name, drawn) for name, walk in names.items())
-    digests = []
+    written = []
     with reporting(len(names), 0, shown=progress, what=f"walks of {listed.env}, {part}, drawn") as advance:
-        for digest in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
-            digests.append(digest)
+        for one in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
+            written.append(one)
             advance(COMPLETE, listed.env)
-    walks = dict(zip(names, digests, strict=True))
-    canaries = _draw_canaries(task, part, secret, drawn, list(names)) if part == HELD_OUT_PART else {}
+    walks = {name: digest for name, (digest, _) in zip(names, written, strict=True)}
+    ends_s = {name: end_s for name, (_, end_s) in zip(names, written, strict=True)}
+    canaries = _draw_canaries(task, part, secret, drawn, ends_s) if part == HELD_OUT_PART else {}
     write_whole(drawn.truth / CANARIES_FILE, _packed(canaries))
     walks |= {name: sha256_of(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
     index = Index(
@@ -207,10 +208,11 @@ def draw(
     return drawn
 
 
-def _draw_canaries(task: Task, part: Part, secret: str, drawn: DrawnPart, names: Sequence[str]) -> dict[str, Canary]:
+def _draw_canaries(
+    task: Task, part: Part, secret: str, drawn: DrawnPart, ends_s: Mapping[str, float]
+) -> dict[str, Canary]:
     """Writes canaries of walks that lie there, under names like theirs."""
     key = hmac.new(secret.encode(), f"{task.id}\n{part}\ncanaries".encode(), hashlib.sha256).digest()
-    ends_s = {name: _drawn_walk(drawn, name).end_s for name in names}
     found = {}
     for canary in plan(ends_s, task.period_s, np.random.default_rng(np.frombuffer(key, "<u4"))):
         walk = _drawn_walk(drawn, canary.of)
@@ -240,15 +242,15 @@ def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str,
     }
 
 
-def _draw_walk(listed: BoardEnvironment, secret: str, walk: str, name: str, drawn: DrawnPart) -> str:
-    """Writes one walk; the sha256 of what a localizer may see of it."""
+def _draw_walk(listed: BoardEnvironment, secret: str, walk: str, name: str, drawn: DrawnPart) -> tuple[str, float]:
+    """Writes one walk; the sha256 of what a localizer may see of it, and when it ends."""
     task = listed.task(drawn.part, secret)
     recording = task.load(walk)
     rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
     content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))
     write_whole(drawn.observations / f"{name}{SUFFIX}", content)
     write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(make_truth(task, recording)))
-    return hashlib.sha256(content).hexdigest()
+    return hashlib.sha256(content).hexdigest(), recording.end_s
 
 
 def make_truth(task: Task, recording: Recording) -> Truth:

@@ -64,8 +64,7 @@ class Memory(NamedTuple):
     Attributes:
         x: (16,) nominal state.
         cov: (N, N) of its error.
-        previous: (11,) time, specific force and rate of the last sample, the rate of the one before, and for how long
-            samples have been carried on.
+        previous: (11,) time, specific force and rate of the last sample, rate of the one before, seconds carried on.
         largest_rate: (3,) largest magnitude each gyroscope axis has shown.
         limits: (6, 4) of each axis and side, see `_find_limits`: rate that the present swing held for three samples,
             the largest of all swings, how many reached it, samples there less samples a little below.
@@ -372,8 +371,7 @@ def _keep(record: Any, k: int, slot: int, index: int, gain: Any, innovation: flo
     record.which[k, slot] = index
     record.innovation[k, slot] = innovation
     record.variance[k, slot] = variance
-    for i in range(len(gain)):
-        record.gain[k, slot, i] = gain[i]
+    record.gain[k, slot] = gain
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -485,18 +483,13 @@ def advance(
                         _keep(record, k, HEADING_UPDATE, YAW, gain, innovation, variance)
             if has_update:
                 correct(x, error, size)
-                for i in range(n):
-                    error[i] = 0.0
-        for i in range(16):
-            out_x[k, i] = x[i]
+                error[:] = 0.0
+        out_x[k] = x
         for i in range(4):
             a = i if i < 3 else 8
             for j in range(3):
                 out_cov[k, i, j] = cov[a, j]
             out_cov[k, i, 3] = cov[a, 8]
         if keeps:
-            for i in range(len(x)):
-                record.x[k, i] = x[i]
-            for i in range(len(cov)):
-                for j in range(len(cov)):
-                    record.cov[k, i, j] = cov[i, j]
+            record.x[k] = x
+            record.cov[k] = cov

@@ -54,9 +54,10 @@ def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Pat
     assert answer["declined"].keys() == {"woodman2008"}
     assert not any("woodman" in file.name for file in (walk.parent / "out" / "results").iterdir())  # nor was it run
     names = {Path(file).name for file in answer["files"]}
-    assert {"walk.png", "table.csv", "stay.tum", "reference.geojson", "stay.gpx"} <= names
-    gpx = (walk.parent / "out" / "paths" / "walk" / "stay.gpx").read_text()
-    assert f'lat="{LAT:.9f}"' in gpx and "2023-11-14T22:13:20" in gpx
+    assert {"walk.png", "table.csv", "stay.tum", "reference.geojson", "stay.geojson"} <= names
+    paths = walk.parent / "out" / "paths" / "walk"
+    assert f"{LAT:.9f}".rstrip("0") in (paths / "stay.geojson").read_text()
+    assert np.loadtxt(paths / "stay.tum")[0, 0] == pytest.approx(1.7e9)
     assert {row["localizer"] for row in (*answer["paths"], *answer["rows"])} == {"stay"}
     assert make_task(str(walk.parent / "out")).split("test") == ("walk",)
 
@@ -65,7 +66,7 @@ def test_a_walk_without_places_is_relative(command: Any, walk: Path) -> None:
     answer, notes = tried(command, walk, f"--map={walk.parent / 'plan.geojson'}")
     assert "relative to (0, 0)" in notes and "plan.geojson is not used" in notes
     assert answer["rows"] == []
-    assert not any(str(file).endswith(".gpx") for file in answer["files"])
+    assert not any(str(file).endswith(".geojson") for file in answer["files"])
 
 
 def test_a_start_on_a_plan(command: Any, walk: Path) -> None:

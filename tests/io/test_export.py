@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -46,17 +45,6 @@ def test_tracks_are_written_as_csv_tum_and_geojson(track: Estimates, tmp_path: P
     np.testing.assert_allclose(GEO.to_local(lon_lat[:, 1], lon_lat[:, 0]), track.xy_m[3:], atol=1e-3)
 
 
-def test_gpx_has_a_segment_for_each_level(track: Estimates, tmp_path: Path) -> None:
-    write_path(tmp_path / "a.gpx", track, geo=GEO, start_unix_s=0.0, name="a <b>")
-    root = ET.parse(tmp_path / "a.gpx").getroot()
-    name = {"g": "http://www.topografix.com/GPX/1/1"}
-    assert root.findtext("g:trk/g:name", namespaces=name) == "a <b>"
-    segments = root.findall("g:trk/g:trkseg", name)
-    assert [len(segment) for segment in segments] == [2, 2]
-    assert segments[1].findtext("g:trkpt/g:time", namespaces=name) == "1970-01-01T00:00:01.000Z"
-    assert float(segments[0][0].get("lat", "")) == pytest.approx(49.46, abs=1e-5)
-
-
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_reference_and_an_empty_track(suffix: str, tmp_path: Path) -> None:
     whole = Trajectory(
@@ -68,7 +56,7 @@ def test_a_reference_and_an_empty_track(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("a.gpx", "need the place on Earth"), ("a.kml", "written as .csv, .tum")]
+    ("name", "message"), [("a.geojson", "needs the place on Earth"), ("a.kml", "written as .csv, .tum")]
 )
 def test_what_cannot_be_written(track: Estimates, tmp_path: Path, name: str, message: str) -> None:
     with pytest.raises(PdrbenchError, match=message):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -119,11 +118,8 @@ def _matlab(path: Path) -> FloatArray:
     from pdrbench_formats.recordings.matfile import load
 
     remedy = "save a matrix with columns t, x, y (and level), or vectors of these names: save('track.mat', '-v7', ...)"
-    numbers: dict[str, FloatArray] = {}
-    found = load(path, ()).names
-    for name in found:
-        with contextlib.suppress(RecordingError):  # of a variable that is none of numbers
-            numbers[name.lower()] = load(path, (name,)).variables[name]
+    file = load(path, None)
+    numbers = {name.lower(): value for name, value in file.variables.items()}
     vectors = {name: value.ravel() for name, value in numbers.items() if value.size == max(value.shape, default=0)}
     t_s = next((vectors[name] for name in ("t", "t_s", "time", "time_s") if name in vectors), None)
     columns = [vectors[name] for name in ("x", "y", "x_m", "y_m", "level") if name in vectors]
@@ -131,7 +127,7 @@ def _matlab(path: Path) -> FloatArray:
     if t_s is not None and len(columns) >= 2 and len({len(column) for column in (t_s, *columns)}) == 1:
         matrices = [np.column_stack([t_s, *columns])]
     if len(matrices) != 1 or not np.isfinite(matrices[0]).all() or (np.diff(matrices[0][:, 0]) < 0).any():
-        raise RecordingError(f"{path}: holds {', '.join(sorted(found)) or 'nothing'}; {remedy}")
+        raise RecordingError(f"{path}: holds {', '.join(sorted(file.names)) or 'nothing'}; {remedy}")
     return matrices[0]
 
 

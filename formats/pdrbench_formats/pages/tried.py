@@ -18,7 +18,6 @@ from pdrbench_formats.taskfile import Walks
 DPI: Final = 160
 MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
 STANDING: Final = "stay"  # is a point, and what is worse is not drawn
-ON_EARTH: Final = (".geojson", ".gpx")  # formats that need a place on the Earth
 
 
 def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], folder: Path) -> list[Path]:
@@ -56,8 +55,8 @@ def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
 
 
 def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[Path]:
-    """The path of each localizer, and the places, as CSV and TUM, and as GeoJSON and GPX where the place is known."""
-    ends = [end for end in FORMATS if walks.reader.geo is not None or end not in ON_EARTH]
+    """The path of each localizer, and the places, as CSV and TUM, and as GeoJSON where the place is known."""
+    ends = [end for end in FORMATS if walks.reader.geo is not None or end != ".geojson"]
     written = []
     for walk in walks.facts:
         tracks: dict[str, Any] = {r.localizer: r.estimates for r in _with_path(results) if r.walk == walk}

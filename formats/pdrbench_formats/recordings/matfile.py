@@ -49,6 +49,11 @@ class _Variable(NamedTuple):
     shape: tuple[int, ...]
     data_at: int
 
+    @property
+    def is_real(self) -> bool:
+        """Whether it is an array of real numbers."""
+        return self.kind in _CLASSES_OF_NUMBERS and not self.is_complex
+
 
 @dataclass(frozen=True, slots=True)
 class MatFile:
@@ -87,12 +92,12 @@ class MatFile:
         return RecordingError(f"{self.path}: variable {name!r} {what}")
 
 
-def load(path: Path, names: tuple[str, ...]) -> MatFile:
+def load(path: Path, names: tuple[str, ...] | None) -> MatFile:
     """Reads the variables `names`; numbers as float64.
 
     Args:
         path: The file.
-        names: Of variables; `structure.field` for a field of a structure.
+        names: Of variables; `structure.field` for a field of a structure. None: all that are arrays of real numbers.
 
     Raises:
         RecordingError: The file is of another kind or damaged, or lacks one of them.
@@ -108,17 +113,18 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
             head, packed = _opened(kind, data)
             variable = _preamble(head, order)
             seen.append(variable.name)
-            fields = [name for name in names if name.startswith(f"{variable.name}.")]
-            if variable.name not in names and not (fields and variable.kind == _CLASS_OF_STRUCT):
+            is_wanted = variable.is_real if names is None else variable.name in names
+            fields = [name for name in names or () if name.startswith(f"{variable.name}.")]
+            if not is_wanted and not (fields and variable.kind == _CLASS_OF_STRUCT):
                 continue
             body = head if packed is None else _whole(head, packed)
-            if variable.name in names:
+            if is_wanted:
                 found[variable.name] = _value(path, variable, body, order)
             else:
                 found |= _fields(path, variable, body, order, fields)
     except (_DamagedError, zlib.error) as error:
         raise RecordingError(f"{path}: the MATLAB file is damaged ({error}); copy or download it again") from error
-    absent = [name for name in names if name not in found]
+    absent = [name for name in names or () if name not in found]
     if absent:
         raise RecordingError(
             f"{path}: no variable {absent[0]!r} among {', '.join(seen)[:300] or 'none'}; is this a file of that set?"
@@ -226,7 +232,7 @@ def _fields(path: Path, variable: _Variable, body: bytes, order: str, wanted: li
 
 def _value(path: Path, variable: _Variable, body: bytes, order: str) -> FloatArray:
     """The numbers of a variable."""
-    if variable.is_complex or variable.kind not in _CLASSES_OF_NUMBERS:
+    if not variable.is_real:
         raise RecordingError(
             f"{path}: variable {variable.name!r} is no array of real numbers; is this a file of that set?"
         )
