@@ -18,7 +18,7 @@ import numpy as np
 
 from pdrbench.datasets import dataset, find, is_available
 from pdrbench.files import known_sha256
-from pdrbench.geometry import BoolArray, FloatArray, IntArray, path_heading_rad
+from pdrbench.geometry import BoolArray, FloatArray, path_heading_rad
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
@@ -47,11 +47,11 @@ class FootSet:
     read: Callable[[Path], Log]  # reader of one walk
     reference: Callable[[Log], Trajectory]  # reference of the recording, from the log; its first row is the start
     device: str  # model of the unit
-    sensors: tuple[str, ...]
-    rate_hz: float
     noise_m: float  # error of the reference
     summary: str
     description: str
+    sensors: tuple[str, ...] = ("accel", "gyro")
+    rate_hz: float = 200.0
 
     @property
     def specs(self) -> tuple[SensorSpec, ...]:
@@ -91,8 +91,7 @@ def rests(log: Log) -> Trajectory:
 
 
 def on_the_ground(t_s: FloatArray, xy_m: FloatArray, surveyed: BoolArray, z_m: FloatArray | None = None) -> Trajectory:
-    level: IntArray = np.zeros(len(t_s), dtype=np.int64)
-    return Trajectory(t_s=t_s, xy_m=xy_m, level=level, surveyed=surveyed, z_m=z_m)
+    return Trajectory(t_s=t_s, xy_m=xy_m, level=np.zeros(len(t_s), dtype=np.int64), surveyed=surveyed, z_m=z_m)
 
 
 VICON: Final = FootSet(
@@ -102,8 +101,6 @@ VICON: Final = FootSet(
     read=foot_vicon.read,
     reference=motion_capture,
     device="LORD MicroStrain 3DM-GX3-25",
-    sensors=("accel", "gyro"),
-    rate_hz=200.0,
     noise_m=0.01,  # motion capture in a room, read between its samples
     summary="A unit on the foot under motion capture, walking and running in a room; start pose known",
     description=describe("foot_vicon", "foot", "foot_start", sensors="accelerometer and gyroscope at 200 Hz"),
@@ -115,8 +112,6 @@ WALKS: Final = FootSet(
     read=foot_stride_gcp.read,
     reference=rests,
     device="LORD MicroStrain 3DM-GX5-25",
-    sensors=("accel", "gyro"),
-    rate_hz=200.0,
     noise_m=0.02,  # by which places and inertial navigation agree over a stride
     summary="A unit on the foot, walks and runs of 40 to 116 m with a surveyed place at every stride; start pose known",
     description=describe("foot_walks", "foot", "foot_start", sensors="accelerometer and gyroscope at 200 Hz"),

@@ -94,8 +94,7 @@ def _table(track: Path2D) -> FloatArray:
 
 def _given(track: Path2D) -> FloatArray:
     table = _table(track)
-    given: FloatArray = table[np.isfinite(table[:, 1:4]).all(axis=1)]
-    return given
+    return np.asarray(table[np.isfinite(table[:, 1:4]).all(axis=1)])
 
 
 def _stretches(level: FloatArray) -> list[np.ndarray[tuple[int], np.dtype[np.int64]]]:

@@ -121,10 +121,7 @@ class Koeping2012:
 
     def revise(self) -> FloatArray | None:
         """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; None where no clouds were kept."""
-        if self._past is None:
-            return None
-        (rng,) = self._rng.spawn(1)
-        return self._past.revised(rng)
+        return None if self._past is None else self._past.revised(self._rng.spawn(1)[0])
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """The particles after the draw, at most `DEBUG_PARTICLES` of them."""

@@ -172,8 +172,7 @@ def _half_width_m(wall_m: FloatArray, tile_m: float, most_m: float) -> FloatArra
 def _discs(middle: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
     """(rows, columns) of discs around tiles, whose radius is in tiles: in a seventh of the time of distances."""
     most, columns = int(radius), middle.shape[1]
-    count = np.pad(np.cumsum(middle, axis=1, dtype=np.int32), ((0, 0), (most + 1, 0)))
-    count = np.pad(count, ((0, 0), (0, most)), mode="edge")  # of tiles to the left
+    count = np.cumsum(np.pad(middle, ((0, 0), (most + 1, most))), axis=1, dtype=np.int32)  # of tiles to the left
     covered = np.zeros_like(middle)
     for away in range(most + 1):
         wide = int(math.sqrt(radius**2 - away**2))
