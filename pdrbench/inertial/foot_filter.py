@@ -406,7 +406,6 @@ def no_record(num_states: int) -> Record:
 def empty_record(count: int, num_states: int) -> Record:
     """Room for what the smoother needs of `count` samples."""
     return Record(
-        x=np.empty((count, 16)),
         cov=np.empty((count, num_states, num_states)),
         step=np.empty((count, 13)),
         which=np.empty((count, NUM_UPDATES), dtype=np.int64),

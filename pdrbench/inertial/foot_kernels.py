@@ -25,7 +25,6 @@ MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
 
-
 # Ours unless a line says otherwise.
 BIAS_WALK: Final = 1e-6  # of both biases, m/s2 and rad/s per root second
 BRIDGE_S: Final = 0.5  # in a gap longer than this the foot does as it likes, and its velocity is kept
@@ -95,7 +94,6 @@ class Record(NamedTuple):
     """What the smoother needs of each of n samples.
 
     Attributes:
-        x: (n, len of the state) after the updates.
         cov: (n, N, N) after the updates.
         step: (n, 13) dt, specific force in the world frame, 3, body to world, 9; dt is 0 where nothing moved.
         which: (n, 7) index of the error state that an update measured, -1 where there was none.
@@ -104,7 +102,6 @@ class Record(NamedTuple):
         variance: (n, 7) of the innovation.
     """
 
-    x: FloatArray
     cov: FloatArray
     step: FloatArray
     which: Any
@@ -371,7 +368,8 @@ def _keep(record: Any, k: int, slot: int, index: int, gain: Any, innovation: flo
     record.which[k, slot] = index
     record.innovation[k, slot] = innovation
     record.variance[k, slot] = variance
-    record.gain[k, slot] = gain
+    for i in range(len(gain)):
+        record.gain[k, slot, i] = gain[i]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -483,13 +481,16 @@ def advance(
                         _keep(record, k, HEADING_UPDATE, YAW, gain, innovation, variance)
             if has_update:
                 correct(x, error, size)
-                error[:] = 0.0
-        out_x[k] = x
+                for i in range(n):
+                    error[i] = 0.0
+        for i in range(16):
+            out_x[k, i] = x[i]
         for i in range(4):
             a = i if i < 3 else 8
             for j in range(3):
                 out_cov[k, i, j] = cov[a, j]
             out_cov[k, i, 3] = cov[a, 8]
         if keeps:
-            record.x[k] = x
-            record.cov[k] = cov
+            for i in range(len(cov)):
+                for j in range(len(cov)):
+                    record.cov[k, i, j] = cov[i, j]

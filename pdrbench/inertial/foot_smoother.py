@@ -39,20 +39,20 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
         adjoint: (N,) carried from the samples after these, zero at the end of the walk; updated.
         information: (N, N) likewise.
         size: `NINE` or `FIFTEEN`.
-        out_x: (n, 16) smoothed states.
+        out_x: (n, 16) states of the forward pass; smoothed afterwards.
         out_cov: (n, 4, 4) their covariance of position and heading.
     """
     n_states = size
     error, spread, half, f = np.zeros(n_states), np.zeros(n_states), np.zeros((n_states, 4)), np.zeros(3)
     c, x = np.zeros((3, 3)), np.zeros(16)
-    for k in range(len(record.x) - 1, -1, -1):
+    for k in range(len(out_x) - 1, -1, -1):
         cov = record.cov[k]
         for i in range(n_states):
             error[i] = 0.0
             for j in range(n_states):
                 error[i] -= cov[i, j] * adjoint[j]
         for i in range(16):  # an assignment of arrays takes Numba seconds to compile
-            x[i] = record.x[k, i]
+            x[i] = out_x[k, i]
         correct(x, error, size)
         for i in range(16):
             out_x[k, i] = x[i]
