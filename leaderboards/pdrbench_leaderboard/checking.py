@@ -47,7 +47,7 @@ class Separability:
 
 
 def separability(board: Board, tables: Sequence[Table]) -> Separability:
-    """Entries of a board, and pairs of them that are told apart, both divisions together."""
+    """Entries of a board, and pairs of them that are separated, both divisions together."""
     names = {row.name for of in tables for row in of.rows}
     return Separability(board.name, len(names), sum(of.num_pairs for of in tables), sum(of.num_apart for of in tables))
 

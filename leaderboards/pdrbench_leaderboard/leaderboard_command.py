@@ -72,7 +72,7 @@ def build(
         print_json({"boards": rows, "tables": written, "site": out, "files": len(pages)})
         return
     for row in rows:
-        say(f"{row['board']}: {row['entries']} entries, {row['significant']} of {row['pairs']} pairs told apart")
+        say(f"{row['board']}: {row['entries']} entries, {row['significant']} of {row['pairs']} pairs separated")
     say(f"open {out / 'index.html'}")
 
 
@@ -101,7 +101,7 @@ def check(root: Root = ROOT, as_json: AsJson = False) -> None:
             if found.why:
                 say(f"{'note' if found.passed else 'FAIL'}  {found.name}: {found.why}")
         for row in rows:
-            say(f"{row.board}: {row.entries} entries, {row.significant} of {row.pairs} pairs told apart")
+            say(f"{row.board}: {row.entries} entries, {row.significant} of {row.pairs} pairs separated")
         say(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")
     if not all(found.passed for found in checks):
         raise typer.Exit(1)

@@ -22,7 +22,7 @@ MAX_POINTS: Final = 240
 
 
 def order_picture(table: Table) -> Markup:
-    """Entries by score on a logarithmic axis, intervals as lines; a bar joins those that are not told apart."""
+    """Entries by score on a logarithmic axis, intervals as lines; a bar joins those that are not separated."""
     ranking = table.ranking
     if ranking is None:
         return Markup("")

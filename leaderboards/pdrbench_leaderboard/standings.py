@@ -254,7 +254,7 @@ class Table:
 
     @property
     def num_apart(self) -> int:
-        """Pairs that are told apart."""
+        """Pairs that are separated."""
         return 0 if self.ranking is None else int(np.triu(self.ranking.pairs.is_apart, 1).sum())
 
     @property
@@ -266,9 +266,9 @@ class Table:
 
     @property
     def agreement(self) -> tuple[float, float]:
-        """Kendall's tau of the orders on public and on held-out walks: over pairs told apart, and over all.
+        """Kendall's tau of the orders on public and on held-out walks: over pairs separated, and over all.
 
-        Of environments that have both, on whose held-out walks pairs are told apart. NaN where there is no such pair.
+        Of environments that have both, on whose held-out walks pairs are separated. NaN where there is no such pair.
         """
         held_out = self.ranked("held-out", envs={listed.env for listed in self.environments("public")})
         return tau(held_out, self.public, held_out)
@@ -320,7 +320,7 @@ class Table:
 
 
 def tau(one: Ranking | None, other: Ranking | None, tested: Ranking | None) -> tuple[float, float]:
-    """Kendall's tau of two orders: over pairs told apart by `tested`, and over all.
+    """Kendall's tau of two orders: over pairs separated by `tested`, and over all.
 
     NaN where there is no such pair.
     """

@@ -151,10 +151,10 @@ def notes(table: Table) -> Iterator[str]:
         return
     if table.division == ONLINE:
         yield from _general_notes(table)
-    yield f"{table.num_apart} of {counted('pair', table.num_pairs)} are told apart."
+    yield f"{table.num_apart} of {counted('pair', table.num_pairs)} are separated."
     if ranking.ties:
         tied = "; ".join(", ".join(f"`{name}`" for name in tie) for tie in ranking.ties)
-        yield f"Not told apart: {tied}."
+        yield f"Not separated: {tied}."
     smallest = ranking.smallest_ratio()
     if math.isfinite(smallest):
         yield f"The smallest ratio between neighbours that the board can tell is {smallest:.2f}."
@@ -167,7 +167,7 @@ def notes(table: Table) -> Iterator[str]:
     for on, (apart, every) in orders.items():
         if math.isfinite(every):
             tau = f"Kendall's tau of the orders on {on}: {every:.2f} over all pairs"
-            yield f"{tau}, {number(apart)} over those told apart."
+            yield f"{tau}, {number(apart)} over those separated."
     every, low, high = table.generated_agrees
     if math.isfinite(every):
         yield (

@@ -130,7 +130,7 @@ def _splits(task: Task) -> str:
 
 
 def _tells_apart(task: Task, loaded: Mapping[str, Recording]) -> str:
-    """Warns where so few units rank that neighbours cannot be told apart; `pdrbench power` measures instead."""
+    """Warns where so few units rank that neighbours cannot be separated; `pdrbench power` measures instead."""
     walks = task.walks.get("test") or task.split(task.default_split)
     units = set(map(task.units.get, walks)) if task.units else _buildings(task, walks, loaded)
     count = len(units) if len(units) >= MIN_UNITS else len(walks)

@@ -29,7 +29,7 @@ from pdrbench.metrics.statistics import (
     weighted_mean,
 )
 
-SIGNIFICANT: Final = 0.05  # p-value, corrected, below which two localizers are told apart
+SIGNIFICANT: Final = 0.05  # p-value, corrected, below which two localizers are separated
 NUM_ENTRIES: Final = 15  # of a board for which power is stated: those of version 1.0
 POWER: Final = 0.8  # by convention
 FULL_UNITS: Final = 30  # ours: so many buildings or people give an environment its full weight
@@ -87,7 +87,7 @@ class Pairs:
 
     @property
     def is_apart(self) -> BoolArray:
-        """(N, N) whether two are told apart."""
+        """(N, N) whether two are separated."""
         return self.p_holm < SIGNIFICANT
 
     @property
@@ -123,7 +123,7 @@ class Ranking:
 
     @property
     def ties(self) -> tuple[tuple[str, ...], ...]:
-        """Longest runs of neighbours of which no two are told apart, two or more in each: bars beside a table."""
+        """Longest runs of neighbours of which no two are separated, two or more in each: bars beside a table."""
         return tuple(tuple(of.name for of in self.standings[run]) for run in _runs(self.pairs.is_apart))
 
     @property

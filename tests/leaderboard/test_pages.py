@@ -93,7 +93,7 @@ def test_pooled_quantiles_of_parts_are_those_of_all_moments() -> None:
 def test_the_table_says_what_was_found_and_is_checked(root: Path, toy_board: Board, tmp_path: Path) -> None:
     assert run_command("build", "--root", root, "--out", tmp_path / "site") == 0
     text = (root / "toy" / table.FILE_NAME).read_text()
-    assert "| 1 | `mine` |" in text and "6 of 6 pairs are told apart" in text
+    assert "| 1 | `mine` |" in text and "6 of 6 pairs are separated" in text
     assert "whose secret is published" in text
     assert all(found.passed for found in check_board(root, toy_board))
     (root / "toy" / table.FILE_NAME).write_text(text.replace("| 1 | `mine` |", "| 2 | `mine` |"))

@@ -16,7 +16,7 @@ from pdrbench_formats.export import FORMATS, write_path
 from pdrbench_formats.taskfile import Walks
 
 DPI: Final = 160
-MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
+MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be separated
 STANDING: Final = "stay"  # is a point, and what is worse is not drawn
 
 
