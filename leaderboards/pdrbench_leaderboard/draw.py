@@ -84,12 +84,17 @@ class Truth(msgspec.Struct, array_like=True, frozen=True):
     """What only scoring may see of a walk."""
 
     reference: Trajectory  # moments that are scored, one a second at most
-    building: Building | None
+    plan: bytes  # of `building`, which many walks share
     fallback: Start  # where the pedestrian counts as being before the first answer
     unit: str
     groups: tuple[str, ...]
     duration_s: float
     walk: str  # id in its environment
+
+    @property
+    def building(self) -> Building | None:
+        """Where it was."""
+        return _building(self.plan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +192,7 @@ def draw(
             advance(COMPLETE, listed.env)
     walks = {name: digest for name, (digest, _) in zip(names, written, strict=True)}
     ends_s = {name: end_s for name, (_, end_s) in zip(names, written, strict=True)}
-    canaries = _draw_canaries(task, part, secret, drawn, ends_s) if part == HELD_OUT_PART else {}
+    canaries = _draw_canaries(task, part, secret, drawn, ends_s, jobs) if part == HELD_OUT_PART else {}
     write_whole(drawn.truth / CANARIES_FILE, _packed(canaries))
     walks |= {name: sha256_of(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
     index = Index(
@@ -209,23 +214,28 @@ def draw(
 
 
 def _draw_canaries(
-    task: Task, part: Part, secret: str, drawn: DrawnPart, ends_s: Mapping[str, float]
+    task: Task, part: Part, secret: str, drawn: DrawnPart, ends_s: Mapping[str, float], jobs: int
 ) -> dict[str, Canary]:
     """Writes canaries of walks that lie there, under names like theirs."""
+    import joblib
+
     key = hmac.new(secret.encode(), f"{task.id}\n{part}\ncanaries".encode(), hashlib.sha256).digest()
-    found = {}
-    for canary in plan(ends_s, task.period_s, np.random.default_rng(np.frombuffer(key, "<u4"))):
-        walk = _drawn_walk(drawn, canary.of)
-        if canary.kind == "cut":
-            rows, end_s = cut_short(walk.rows, canary.since_s), canary.since_s
-        else:
-            rows = crossed(walk.rows, _drawn_walk(drawn, canary.other).rows, canary)
-            end_s = min(walk.end_s, canary.since_s + ends_s[canary.other] - canary.other_s)
-            rows = cut_short(rows, end_s)
-        name = hmac.new(key, f"{canary.kind} {canary.of}".encode(), hashlib.sha256).hexdigest()[:NAME_DIGITS]
-        write_whole(drawn.observations / f"{name}{SUFFIX}", _packed(DrawnWalk(walk.briefing, rows, end_s)))
-        found[name] = canary
-    return found
+    canaries = plan(ends_s, task.period_s, np.random.default_rng(np.frombuffer(key, "<u4")))
+    names = [hmac.new(key, f"{of.kind} {of.of}".encode(), hashlib.sha256).hexdigest()[:NAME_DIGITS] for of in canaries]
+    tasks = (joblib.delayed(_draw_canary)(drawn, *of, ends_s) for of in zip(names, canaries, strict=True))
+    joblib.Parallel(n_jobs=jobs)(tasks)
+    return dict(zip(names, canaries, strict=True))
+
+
+def _draw_canary(drawn: DrawnPart, name: str, canary: Canary, ends_s: Mapping[str, float]) -> None:
+    walk = _drawn_walk(drawn, canary.of)
+    if canary.kind == "cut":
+        rows, end_s = cut_short(walk.rows, canary.since_s), canary.since_s
+    else:
+        rows = crossed(walk.rows, _drawn_walk(drawn, canary.other).rows, canary)
+        end_s = min(walk.end_s, canary.since_s + ends_s[canary.other] - canary.other_s)
+        rows = cut_short(rows, end_s)
+    write_whole(drawn.observations / f"{name}{SUFFIX}", _packed(DrawnWalk(walk.briefing, rows, end_s)))
 
 
 def _drawn_walk(drawn: DrawnPart, name: str) -> DrawnWalk:
@@ -258,7 +268,7 @@ def make_truth(task: Task, recording: Recording) -> Truth:
     building = recording.building
     return Truth(
         reference=scored_moments(recording.reference),
-        building=building,
+        plan=encoder().encode(building),
         fallback=task.fallback(recording),
         unit=task.units.get(recording.id, "" if building is None else building.name),
         groups=task.groups.get(recording.id, ()),
@@ -285,6 +295,12 @@ def _unpacked(path: Path, kind: Any) -> Any:
         return decoder(kind).decode(zlib.decompress(path.read_bytes()))
     except (OSError, zlib.error, msgspec.MsgspecError, ValueError) as error:
         raise ResultError(f"cannot read {path}: {error}; delete {path.parent}, and it is drawn again") from None
+
+
+@functools.lru_cache(maxsize=2)
+def _building(plan: bytes) -> Building | None:
+    found: Building | None = decoder(Building | None).decode(plan)
+    return found
 
 
 def read_truth(drawn: DrawnPart, name: str) -> Truth:

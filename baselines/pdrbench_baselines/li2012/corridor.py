@@ -14,6 +14,7 @@ from scipy import ndimage
 from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, read_only
+from pdrbench_baselines.li2012.kernels import approach
 
 WALL_TILE: Final = 0
 ROOM_TILE: Final = 1
@@ -23,6 +24,7 @@ WAYS: Final = frozenset(
     {"corridor", "hallway", "pathway", "walkway", "passage", "concourse", "entrance", "lobby", "atrium", "landing"}
 )
 MAX_TILES: Final = 4_000_000
+NEAR_M: Final = 4.0  # walls farther than that from a tile are looked for in a tree
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +105,8 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
     on_level = building.level(building.edge_polygon) == level
     start, end = building.edge_start_xy_m[on_level], building.edge_end_xy_m[on_level]
     _touch(start, end, floor, tile_m, origin, middle, inside)
-    wall_m = np.zeros(inside.shape)
-    wall_m[inside] = _distance_m(building, level, middle[inside])
+    is_wall = building.edge_neighbour[on_level] == WALL
+    wall_m = _distance_m(start[is_wall], end[is_wall], origin, tile_m, middle, inside)
     half_width_m = np.where(inside, _half_width_m(wall_m, tile_m, params.widest_m), 0.0)
     kind = np.where(inside, ROOM_TILE, WALL_TILE).astype(np.uint8)
     kind[inside & _is_way(building, level, middle, half_width_m, params)] = PATH_TILE
@@ -141,18 +143,20 @@ def _touch(
     inside[row, column] = True
 
 
-def _distance_m(building: Building, level: int, xy_m: FloatArray) -> FloatArray:
-    """(N,) to the nearest wall of a level."""
+def _distance_m(
+    start: FloatArray, end: FloatArray, origin: FloatArray, tile_m: float, middle: FloatArray, inside: NDArray[np.bool_]
+) -> FloatArray:
+    """(rows, columns) from the middle of a tile to the nearest wall; 0 off the floor, infinite without walls."""
     import shapely
 
-    on_level = building.level(building.edge_polygon) == level
-    walls = np.flatnonzero(on_level & (building.edge_neighbour == WALL))
-    if not len(walls) or not len(xy_m):
-        return np.full(len(xy_m), np.inf)
-    ends = np.stack([building.edge_start_xy_m[walls], building.edge_end_xy_m[walls]], axis=1)
-    tree = shapely.STRtree(shapely.linestrings(ends))
-    _, distance_m = tree.query_nearest(shapely.points(xy_m), return_distance=True, all_matches=False)
-    return np.asarray(distance_m, dtype=np.float64)
+    square_m2 = np.where(inside, np.inf, 0.0)
+    approach(start, end, origin, tile_m, middle, inside, NEAR_M, square_m2)
+    distance_m = np.sqrt(square_m2)
+    far = distance_m > NEAR_M
+    if far.any() and len(start):
+        tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
+        _, distance_m[far] = tree.query_nearest(shapely.points(middle[far]), return_distance=True, all_matches=False)
+    return distance_m
 
 
 def _half_width_m(wall_m: FloatArray, tile_m: float, most_m: float) -> FloatArray:
