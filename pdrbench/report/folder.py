@@ -23,7 +23,6 @@ from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.picture import styles_of
 from pdrbench.registry import make_task
 from pdrbench.report.cdf import LocalizerErrors, Styles, draw_cdf
-from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import UNSUITABLE, Result, shown_name
 from pdrbench.task import Task
@@ -46,7 +45,7 @@ class FigureOptions:
     """How the figures of a report look.
 
     Attributes:
-        size_in: Width and height of distributions and spreads in inches; None: as fits. Floor plans keep their own.
+        size_in: Width and height of distributions in inches; None: as fits. Floor plans keep their own.
         formats: Of "png", "pdf" and "svg"; walks on the floor plan are drawn in the first one only.
         labels: What to call a localizer, by id.
         title: In place of the environment and the split.
@@ -100,9 +99,8 @@ def write_report(
     """Writes tables and plots.
 
     Tables: `table.md`, `table.tex`, `table.csv`, `rows.json`. For each environment: `<env>-cdf` (distribution of the
-    errors of every localizer), `<env>-spread` (mean error of every walk), both as PNG and PDF, and `<env>-walk-<n>.png`
-    (trajectories on the floor plan, for at most four walks, the one of median error first). The reference is
-    looked up, as `score` does.
+    errors of every localizer) as PNG and PDF, and `<env>-walk-<n>.png` (trajectories on the floor plan, for at most
+    four walks, the one of median error first). The reference is looked up, as `score` does.
 
     Args:
         results: From `evaluate` or `load_results`.
@@ -198,7 +196,6 @@ def _figures(part: SplitResults, styles: Styles, options: FigureOptions) -> Iter
     errors = [errors_of(part, localizer) for localizer in part.localizers]
     title = _title(part) if options.title is None else options.title
     yield f"{part.name}-cdf", _cdf(part, errors, styles, title, is_log=options.is_log)
-    yield f"{part.name}-spread", _spread(errors, styles, title, is_log=options.is_log)
     for number, (walk, why) in enumerate(_walks_to_draw(errors).items(), start=1):
         chosen = {r.localizer: r for r in reversed(part.results) if r.walk == walk}
         chosen = {localizer: chosen[localizer] for localizer in part.localizers if localizer in chosen}
@@ -226,15 +223,6 @@ def _cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles, 
     kind = part.task.unit_kind
     band = f"band: 95 % by {kind}" if units >= MIN_UNITS else f"no band: unit is the {kind}, fewer than {MIN_UNITS}"
     figure.suptitle(f"{title}\n{walks} walks; {band}", fontsize=9)
-    return figure
-
-
-def _spread(errors: Sequence[LocalizerErrors], styles: Styles, title: str, *, is_log: bool) -> Figure:
-    figure = Figure(figsize=(max(4.0, 1.5 + 1.2 * len(errors)), 4.6), layout="constrained")
-    ax = figure.add_subplot()
-    means_m = {entry.localizer: np.array(list(entry.means_m.values())) for entry in errors}
-    draw_spread(ax, means_m, styles, "mean error of a walk in m", is_log=is_log)
-    figure.suptitle(title, fontsize=9)
     return figure
 
 

@@ -29,6 +29,7 @@ from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, Fingerp
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.scan_places import ScanPlaces
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
+from pdrbench_baselines.learned.reckoning import Move
 
 RING = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
 PLACES = np.array([[2.0, 2.0], [28.0, 2.0], [2.0, 18.0], [28.0, 18.0], [15.0, 10.0]])  # of access points, on each level
@@ -365,3 +366,23 @@ def test_without_a_plan_or_a_survey_a_known_start_is_enough() -> None:
     assert estimate.level == 2 and np.hypot(*estimate.xy_m) < 0.5
     with pytest.raises(UnsuitableError, match="needs a known start, or a radio map"):
         localizer.reset(Briefing(None, sensors, 0.2, start=None, mounting="hand"), np.random.default_rng(0))
+
+
+def test_whom_a_plan_does_not_fit_leaves_it() -> None:
+    """One starts off the floor; one walks through a wall for twenty seconds; one who walks along the hall stays."""
+    sensors = {name: sensor_spec(name) for name in ("accel", "gyro", "rotation")}
+    localizer = Fusion()
+    for x_m, step_m, was_wrong, is_wrong in (
+        (-3.0, 0.5, True, True),
+        (27.0, 1.0, False, True),
+        (5.0, 1.0, False, False),
+    ):
+        start = Start(np.array([x_m, 10.0]), level=0)
+        localizer.reset(Briefing(ONE[0], sensors, 0.2, start=start, mounting="hand"), np.random.default_rng(0))
+        assert bool(localizer.debug()["plan_is_wrong"]) == was_wrong
+        for second in range(1, 21):
+            localizer._walk(
+                Move(float(second), np.array([step_m, 0.0]), 0.01 * np.eye(2), stands=False, is_guess=False)
+            )
+        assert bool(localizer.debug()["plan_is_wrong"]) == is_wrong
+        assert localizer._estimate(20.0).xy_m[0] == pytest.approx(x_m + 20.0 * step_m, abs=3.0)

@@ -17,7 +17,6 @@ from pdrbench.picture import estimate_style
 from pdrbench.report import FigureOptions
 from pdrbench.report import folder as folder_module
 from pdrbench.report.folder import SplitResults, errors_of, write_report
-from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk, levels_to_show
 
 
@@ -39,7 +38,7 @@ def test_everything_is_written_and_can_be_opened(results: Any, tmp_path: Path) -
     assert sorted(path.name for path in written) == sorted(path.name for path in folder.iterdir())
     names = {path.name for path in written}
     assert names >= {"table.md", "table.tex", "table.csv", "rows.json"}
-    assert names >= {"Corridor-v0-cdf.png", "Corridor-v0-cdf.pdf", "Corridor-v0-spread.png", "Corridor-v0-walk-1.png"}
+    assert names >= {"Corridor-v0-cdf.png", "Corridor-v0-cdf.pdf", "Corridor-v0-walk-1.png"}
     assert "Corridor-v0-walk-5.png" not in names
     for path in written:
         assert path.stat().st_size > 0
@@ -107,15 +106,6 @@ def test_a_panel_for_each_level_of_walk_and_estimates(corridor: SimpleNamespace)
         for ax in figure.axes
     )
     assert lower == upper == {"near": 10}
-
-
-def test_spread_draws_every_walk() -> None:
-    ax = Figure().add_subplot()
-    values = np.array([3.0, 1.0, np.nan, 2.0])
-    draw_spread(ax, {"near": values, "silent": np.zeros(0)}, {k: estimate_style(0) for k in ("near", "silent")}, "m")
-    points = [line for line in ax.lines if line.get_linestyle() == "None"]
-    np.testing.assert_array_equal(points[0].get_ydata(), [1.0, 2.0, 3.0])
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["near", "silent"]
 
 
 def test_estimates_far_away_do_not_widen_the_picture_and_are_counted(corridor: SimpleNamespace) -> None:

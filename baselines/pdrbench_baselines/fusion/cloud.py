@@ -28,6 +28,7 @@ class Cloud(LearnedMapFilter):
         params: See `LearnedMapFilterParams`.
         level: Where the walk begins, or may begin.
         radio: None without a survey.
+        is_open: The map is open space in place of a plan: beside its floor, scans are as likely as on the nearest.
     """
 
     def __init__(
@@ -37,7 +38,10 @@ class Cloud(LearnedMapFilter):
         params: LearnedMapFilterParams,
         level: int,
         radio: RadioEvidence | None,
+        *,
+        is_open: bool = False,
     ) -> None:
+        self._is_open = is_open
         self._median_m: FloatArray | None = None
         self._may_be_turned = False
         super().__init__(building, rng, params, level)
@@ -83,6 +87,10 @@ class Cloud(LearnedMapFilter):
         assert self._radio is not None
         return np.bincount(self._offset, minlength=len(self._radio.prior)) / self.num_particles
 
+    def beside(self, floor: Building, params: LearnedMapFilterParams, level: int) -> Cloud:
+        """Another cloud by the same survey, in open space."""
+        return Cloud(floor, self._rng_start.spawn(1)[0], params, level, self._radio, is_open=True)
+
     def begin_over(self, log_likelihood: FloatArray) -> None:
         """Over the lattice by the log-likelihoods (N, K) of a first scan; they begin the evidence."""
         assert self._radio is not None
@@ -110,7 +118,7 @@ class Cloud(LearnedMapFilter):
         assert self._radio is not None
         start, pick, fresh, jitter = self._rng_scans.spawn(4)
         log_likelihood = log_likelihood - log_likelihood.max()
-        square = self._radio.squares_at(self.particles_xy_m, self.particles_level)
+        square = self._radio.squares_at(self.particles_xy_m, self.particles_level, nearest=self._is_open)
         elsewhere = self._radio.elsewhere(log_likelihood)
         weight = np.exp(np.where(square >= 0, log_likelihood[square, self._offset], elsewhere))
         lost, anywhere = 0.0, np.zeros((0, 0))

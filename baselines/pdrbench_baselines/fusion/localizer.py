@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdrbench.building import Building
 from pdrbench.errors import UnsuitableError
 from pdrbench.filters import level_map
 from pdrbench.geometry import FloatArray
@@ -17,7 +18,7 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap
 from pdrbench.trajectory import Start
-from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
+from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, Transition, mean_of
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
@@ -33,6 +34,9 @@ from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, debug_
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner, WindowNetwork
 from pdrbench_baselines.learned.signals import turned
 
+KEPT_DOUBT: Final = 0.9  # of doubts of a plan, from one second to the next
+OFF_FLOOR_M: Final = 1.0  # a start farther than that off the floor of a plan is not on that plan
+MIN_FREE: Final = 1e-4  # of the particles, that walls let through, for its logarithm
 MIN_OFFSET: Final = 0.01  # an offset of the device that fewer particles have is left out
 
 
@@ -43,6 +47,7 @@ class Hypothesis:
     cloud: Cloud
     past: BackwardSampler
     follows_levels: bool  # by changes of pressure; else the plan says how particles get to other levels
+    floor: Building  # that it walks on
 
 
 class Fusion(NetworkLocalizer):
@@ -52,11 +57,15 @@ class Fusion(NetworkLocalizer):
     people are likelier to walk where the survey was walked. Where the start is not known, the first scan puts a
     cloud on every level that the map does not join, by the radio map of `gp_wifi`; each scan says how likely each
     cloud is, and the answer is that of the likeliest: the mean of its particles where the start is known, else their
-    geometric median. `revise` gives the past by lines through its clouds.
+    geometric median. `revise` gives the past by lines through its clouds. Where walls stop nearly all
+    particles again and again, the plan, or the start on it, is wrong, and a cloud that walks in open space since the
+    start goes on in its place: `debug` says so.
 
     Args:
         params: See `FusionParams`.
     """
+
+    leaves_plans: ClassVar[bool] = True  # where they are wrong
 
     def __init__(self, params: FusionParams = FUSION) -> None:
         super().__init__()
@@ -80,12 +89,19 @@ class Fusion(NetworkLocalizer):
             self._map_params = replace(own.map, bias_walk_rad=compass.walk_rad)
         self._hypotheses: list[Hypothesis] = []
         self._answers = BackwardSampler()
+        self._open: tuple[Hypothesis, CompassMean | None] | None = None
+        self._doubt, self._plan_is_wrong = 0.0, False
         self._start_is_known = start is not None
         if start is not None:
             cloud = self._new_cloud(start.level)
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
-            self._add(cloud, start.level, 0.0)
+            self._hypotheses.append(self._followed(cloud, start.level, 0.0))
             self._free = self._new_free(start)
+            if briefing.building is not None and self.leaves_plans:
+                self._open = self._beside(start, cloud)
+                (floor_m,), _ = level_map(self._building, start.level).nearest(np.array([start.xy_m]), start.level)
+                if math.dist(floor_m, start.xy_m) > max(OFF_FLOOR_M, start.radius_m):
+                    self._leave_plan()
         elif radio is not None:
             radio.get_ready()  # now, and not at the first scan: a step is to be quick
             for level in set(radio.level.tolist()) & set(self._building.levels):
@@ -136,7 +152,13 @@ class Fusion(NetworkLocalizer):
         return debug_of(cloud) | {
             "offset_db": np.array(cloud.mean_offset_db),
             "evidence": np.array(1.0 / evidence.sum()),
+            "plan_is_wrong": np.array(self._plan_is_wrong),
         }
+
+    @property
+    def _every(self) -> list[Hypothesis]:
+        """Hypotheses, and the cloud in open space beside."""
+        return self._hypotheses if self._open is None else [*self._hypotheses, self._open[0]]
 
     @property
     def _best(self) -> Hypothesis:
@@ -222,13 +244,47 @@ class Fusion(NetworkLocalizer):
         (rng,) = self._rng.spawn(1)
         return FreeCloud(own.free, self._map_params, np.array(start.xy_m), sigma_m, compass, radio, rng)
 
-    def _add(self, cloud: Cloud, level: int, now_s: float) -> None:
+    def _beside(self, start: Start, cloud: Cloud) -> tuple[Hypothesis, CompassMean | None]:
+        """A cloud in open space from the same start, with its compass, in case the plan is wrong."""
+        own, radio_map = self._own, None if self._radio is None else self._radio.radio_map
+        floor = open_space(radio_map, start, self._building.levels)
+        params, compass = replace(self._map_params, num_particles=own.num_open), None
+        if self._compass is not None:
+            compass = CompassMean(own.open_compass)
+            params = replace(params, bias_sigma_rad=compass.spread_rad, bias_walk_rad=own.open_compass.walk_rad)
+        beside = cloud.beside(floor, params, start.level)
+        beside.begin_near(np.array(start.xy_m), start.radius_m)
+        return self._followed(beside, start.level, 0.0, floor), compass
+
+    def _follow_beside(self, move: Move, motion: Transition, turn_rad: float) -> None:
+        """Moves the cloud in open space, and goes on with it alone where the plan is wrong."""
+        if self._open is None:
+            return
+        beside, compass = self._open
+        if compass is not None and move.compass_rad is not None:
+            compass.update(move.compass_rad, move.end_s)
+            beside.cloud.turn(turn_rad, compass)
+        beside.cloud.move(move.move_m, move.covariance_m2)
+        beside.past.follow(stored(beside.cloud, move.end_s, beside.past.num_kept), move.end_s - EVERY_S, motion)
+        through = max(self._hypotheses[0].cloud.free_fraction, MIN_FREE)
+        self._doubt = KEPT_DOUBT * self._doubt - math.log(through)
+        if self._doubt > self._own.doubt:
+            self._leave_plan()
+
+    def _leave_plan(self) -> None:
+        """Goes on with the cloud in open space alone."""
+        if self._open is not None:
+            beside, self._compass = self._open
+            self._hypotheses, self._building = [beside], beside.floor
+            self._open, self._free, self._plan_is_wrong = None, None, True
+
+    def _followed(self, cloud: Cloud, level: int, now_s: float, floor: Building | None = None) -> Hypothesis:
         follows_levels = self._has_level_changes and (self._start_is_known or len(cloud.levels) == 1)
         if follows_levels:
-            cloud.follow_levels(self._building, level)
+            cloud.follow_levels(floor or self._building, level)
         past = BackwardSampler(self._own.num_kept)
         past.follow(stored(cloud, now_s, past.num_kept), now_s)
-        self._hypotheses.append(Hypothesis(cloud, past, follows_levels))
+        return Hypothesis(cloud, past, follows_levels, floor or self._building)
 
     def _walk(self, move: Move) -> None:
         if not move.stands:
@@ -245,6 +301,7 @@ class Fusion(NetworkLocalizer):
                 each.cloud.move(move.move_m, move.covariance_m2)
                 now = stored(each.cloud, move.end_s, each.past.num_kept)
                 each.past.follow(now, move.end_s - EVERY_S, motion)
+            self._follow_beside(move, motion, turn_rad)
         if self._hypotheses:
             cloud = self._best.cloud
             self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
@@ -258,11 +315,11 @@ class Fusion(NetworkLocalizer):
         scans = self._scans_of(self._radio.radio_map)
         known = self._start_is_known
         lost_fraction = scans.known_lost_fraction if known else self._own.lost_fraction
-        for each in self._hypotheses:
+        for each in self._every:
             gain = each.cloud.weigh_by(
                 log_likelihood, lost_fraction, scans.turned_fraction, resets=known and scans.known_resets
             )
-            if self._free is not None:
+            if self._free is not None and each is self._hypotheses[0]:
                 self._free.weigh_by(log_likelihood, each.cloud.level, gain)
                 self._find(each.cloud, self._free)
             each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
@@ -296,13 +353,14 @@ class Fusion(NetworkLocalizer):
                 cloud = self._new_cloud(level)
                 covered |= cloud.levels
                 cloud.begin_over(log_likelihood)
-                self._add(cloud, level, now_s)
+                self._hypotheses.append(self._followed(cloud, level, now_s))
 
     def _change_levels(self, observation: Observation) -> None:
-        for each in filter(lambda one: one.follows_levels, self._hypotheses):
+        for each in filter(lambda one: one.follows_levels, self._every):
             for _, levels, _, way in observation["level_change"].tolist():
                 each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
             each.past.amend(stored(each.cloud, observation.now_s, each.past.num_kept))
+        self._doubt = 0.0  # on stairs, walls are where the level is not known yet
         self._focus()
 
 

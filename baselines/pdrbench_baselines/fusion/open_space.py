@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -15,14 +16,15 @@ MARGIN_M: Final = 40.0  # around a survey: corridors that nobody surveyed
 REACH_M: Final = 300.0  # around a start: four minutes straight on
 
 
-def open_space(radio_map: RadioMap | None, start: Start | None) -> Building:
+def open_space(radio_map: RadioMap | None, start: Start | None, levels: Collection[int] = ()) -> Building:
     """A rectangle for each level, around the whole survey and the start; nothing joins levels.
 
     Args:
         radio_map: None where there is none.
         start: None where it is not known.
+        levels: That there are besides.
     """
-    corners_m, levels = [], set()
+    corners_m, levels = [], set(levels)
     if radio_map is not None and len(radio_map.level):
         corners_m += [radio_map.xy_m.min(axis=0) - MARGIN_M, radio_map.xy_m.max(axis=0) + MARGIN_M]
         levels |= set(radio_map.level.tolist())

@@ -95,6 +95,9 @@ class FusionParams:
             `map.bias_walk_rad`.
         open_compass: The same where there is no plan: no wall corrects a heading, and of phones of several makes whole
             walks are turned by 21 degrees (standard deviation), see the notebook on shopping centres.
+        num_open: Particles in open space beside a cloud on a plan, where the start is known, in case the plan is wrong.
+        doubt: The plan is taken for wrong once the logarithms of the fractions of particles that walls let through
+            come to less than minus this, those of before counting 0.9 of themselves a second.
         free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
             survey were interpolated.
     """
@@ -115,6 +118,8 @@ class FusionParams:
     interpolated_length_factor: float = 0.97
     compass: CompassParams = field(default_factory=CompassParams)
     open_compass: CompassParams = field(default_factory=lambda: CompassParams(sigma_rad=math.radians(15.0)))
+    num_open: int = 1000
+    doubt: float = 15.0
     free: FreeParams = field(default_factory=FreeParams)
 
 

@@ -67,14 +67,14 @@ class RadioEvidence:
         self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
         self._reached: dict[int, FloatArray] = {}
-        self._square: dict[int, tuple[IntArray, FloatArray]] = {}
+        self._square: dict[int, tuple[IntArray, BoolArray, FloatArray]] = {}
         for level, low, high in zip(self._map.levels.tolist(), self._map.first[:-1], self._map.first[1:], strict=True):
             row = self._map.row[low:high] + 1  # an empty square all around
             square = np.full(row.max(axis=0) + 2, -1)
             square[tuple(row.T)] = np.arange(low, high)
             away, nearest = distance_transform_edt(square < 0, return_indices=True)
             corner_m = self.xy_m[low] - (row[0] + 0.5) * self.lattice_m
-            self._square[level] = np.where(away <= BESIDE, square[tuple(nearest)], -1), corner_m
+            self._square[level] = square[tuple(nearest)], away <= BESIDE, corner_m
         self._off_legs = off_legs
         self.walked = self._walked(radio_map) if building is None else np.zeros(len(self.level))
         self.fingerprints: FingerprintEvidence | None = None
@@ -140,15 +140,16 @@ class RadioEvidence:
             return float(log_likelihood.min())
         return math.log(self._off_legs * float(np.exp(log_likelihood[log_likelihood > MIN_LOG]).mean()))
 
-    def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
-        """(M,) which place of the lattice places (M, 2) on levels (M,) are at; -1 where that is none."""
+    def squares_at(self, xy_m: FloatArray, level: IntArray, *, nearest: bool = False) -> IntArray:
+        """(M,) which place of the lattice places (M, 2) on levels (M,) are at; where none, the nearest, or -1."""
         found = np.full(len(xy_m), -1)
-        for one, (square, corner_m) in self._square.items():
+        for one, (square, is_beside, corner_m) in self._square.items():
             here = np.flatnonzero(level == one)
             if len(here):
                 row = np.floor((xy_m[here] - corner_m) / self.lattice_m).astype(np.int64)
                 inside = (row >= 0).all(axis=1) & (row < square.shape).all(axis=1)
-                found[here] = np.where(inside, square[tuple(np.clip(row, 0, np.array(square.shape) - 1).T)], -1)
+                at = tuple(np.clip(row, 0, np.array(square.shape) - 1).T)
+                found[here] = np.where(nearest | (inside & is_beside[at]), square[at], -1)
         return found
 
     def _of_fields(self, rows: FloatArray) -> Iterator[FloatArray]:

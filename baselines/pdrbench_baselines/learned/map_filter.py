@@ -57,6 +57,9 @@ class LearnedMapFilter(MapFilter):
         rng: Start, motion, renewal and scans draw from children of their own.
         params: See `LearnedMapFilterParams`.
         level: Where the walk begins; a map that cannot be compiled as a whole is walked on this level only.
+
+    Attributes:
+        free_fraction: Of the particles, that no wall stopped at the last move.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class LearnedMapFilter(MapFilter):
         self.bias_rad = p.bias_sigma_rad * self._rng_start.standard_normal(p.num_particles)
         self._local_m = np.zeros((p.num_particles, 2))
         self._cell = np.zeros(p.num_particles, dtype=np.int32)
+        self.free_fraction = 1.0
 
     @property
     def mean_scale(self) -> float:
@@ -97,6 +101,7 @@ class LearnedMapFilter(MapFilter):
         to_m = self._local_m + self._displacements(move_m, covariance_m2)
         cell = self._cell.copy()
         alive = self._walk(self._local_m, to_m, cell)
+        self.free_fraction = float(alive.mean())
         if not alive.any():
             self._begin_around(self.xy_m + move_m, self._restart_sigma_m(RESTART_M))
             return

@@ -45,6 +45,8 @@ class MagneticFusion(Fusion):
         params: See `MagneticParams`.
     """
 
+    leaves_plans = False  # fields were surveyed on them
+
     def __init__(self, params: MagneticParams = MAGNETIC) -> None:
         super().__init__(params.fusion)
         self._settings = params
@@ -119,4 +121,4 @@ class Magnetic(MagneticFusion):
                 cloud = self._new_cloud(level)
                 covered |= cloud.levels
                 cloud.begin_over_survey()
-                self._add(cloud, level, now_s)
+                self._hypotheses.append(self._followed(cloud, level, now_s))
