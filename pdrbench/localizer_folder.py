@@ -1,13 +1,6 @@
 """A localizer that is a folder: sources, declared weights, locked requirements, and a file that says how to make it.
 
-The settings stand in `localizer.toml`, or under `[tool.pdrbench]` in `pyproject.toml`:
-
-    entry = "model.py:Net"             # or "package.module:Class"
-    python = "3.11"
-    requirements = "requirements.txt"  # in the format of `pip hash`: every line with its hashes
-    [weights."net.npz"]
-    bytes = 51234
-    sha256 = "..."
+The settings stand in `localizer.toml`, or under `[tool.pdrbench]` in `pyproject.toml`, as `Settings` has them.
 """
 
 from __future__ import annotations

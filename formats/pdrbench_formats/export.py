@@ -19,12 +19,7 @@ Path2D = Trajectory | Estimates
 
 
 def write_path(
-    path: Path | str,
-    track: Path2D,
-    *,
-    geo: GeoFrame | None = None,
-    start_unix_s: float | None = None,
-    name: str = "",
+    path: Path | str, track: Path2D, *, geo: GeoFrame | None = None, start_unix_s: float | None = None, name: str = ""
 ) -> None:
     """Writes a trajectory in the format that the suffix names: .csv, .tum, .geojson.
 

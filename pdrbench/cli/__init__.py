@@ -30,11 +30,7 @@ COMMANDS = {
 OF_THE_LAB = ("reproduce", "bench", "warm-up", "validate-sim", "error-model", "tune")  # which it registers itself
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
 
-ANY_ARGUMENTS: dict[str, Any] = {
-    "allow_extra_args": True,
-    "ignore_unknown_options": True,
-    "help_option_names": [],
-}
+ANY_ARGUMENTS: dict[str, Any] = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 
 app = typer.Typer(
     name="pdrbench",

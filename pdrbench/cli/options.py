@@ -44,18 +44,11 @@ LocalizerList = Annotated[
 ]
 Tuned = Annotated[Path | None, typer.Option("--settings", metavar="FILE", help="Settings that `pdrbench tune` wrote.")]
 Split = Annotated[
-    str | None,
-    typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test"),
+    str | None, typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test")
 ]
 Seeds = Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every walk, each with its own seed.")]
 Walks = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        metavar="N",
-        help="Only the first N walks of an environment.",
-        show_default="all",
-    ),
+    int | None, typer.Option(min=1, metavar="N", help="Only the first N walks of an environment.", show_default="all")
 ]
 Columns = Annotated[
     str,
@@ -68,8 +61,7 @@ Columns = Annotated[
 AllColumns = Annotated[
     bool,
     typer.Option(
-        "--all-columns",
-        help="Besides the usual columns those of level, map, coverage and time, where they apply.",
+        "--all-columns", help="Besides the usual columns those of level, map, coverage and time, where they apply."
     ),
 ]
 Strict = Annotated[

@@ -12,13 +12,4 @@ from pdrbench.filters.map_filter import FilterError, MapFilter
 from pdrbench.filters.map_walk import walk
 from pdrbench.filters.resampling import multinomial, systematic
 
-__all__ = [
-    "FilterError",
-    "MapFilter",
-    "kld_bound",
-    "level_map",
-    "multinomial",
-    "normal_quantile",
-    "systematic",
-    "walk",
-]
+__all__ = ["FilterError", "MapFilter", "kld_bound", "level_map", "multinomial", "normal_quantile", "systematic", "walk"]

@@ -25,12 +25,7 @@ Bounds = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax in metres
 
 
 def draw_level(
-    ax: Axes,
-    building: Building | None,
-    level: int,
-    *,
-    scale_bar: bool = True,
-    bounds_m: Bounds | None = None,
+    ax: Axes, building: Building | None, level: int, *, scale_bar: bool = True, bounds_m: Bounds | None = None
 ) -> None:
     """Draws the floor polygons of one level: floors light, walls dark, connections as gaps, every tread of a stair.
 

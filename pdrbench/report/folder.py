@@ -130,9 +130,7 @@ def write_report(
     if options.has_captions:
         written.append(folder / CAPTIONS)
         written[-1].write_text(
-            "".join(f"{_plain(name)}: {text}.\n" for name, text in captions.items()),
-            encoding="utf-8",
-            newline="\n",
+            "".join(f"{_plain(name)}: {text}.\n" for name, text in captions.items()), encoding="utf-8", newline="\n"
         )
     if origin:
         files = _sha256(folder, [path.name for path in written])

@@ -305,7 +305,7 @@ def odd_lines(walk: Rows) -> samples.Files:
     rows = samples.lines_of(np.column_stack([walk["accel"], walk["gyro"][:, 1:]]))
     rows[300:300] = [rows[5], rows[6].replace("0.06", "99.9", 1)]
     rows[100:100] = ["# marker: door", "zebra", "", "t,ax,ay,az,gx,gy,gz", "// lap 2", "1.0,2.0"]
-    return {"a.csv": "\n".join(["t,ax,ay,az,gx,gy,gz,", *rows, ""]).encode()}
+    return {"a.csv": "\n".join(["t,ax,ay,az,gx,gy,gz,", *rows, ""]).replace("-", "\u2212").encode()}
 
 
 def two_clocks_in_a_table(walk: Rows) -> samples.Files:
@@ -493,3 +493,12 @@ def test_surveys_of_strangers(tmp_path: Path) -> None:
     found = [read_survey_table(tmp_path / name)[0] for name in ("a.csv", "a.json")]
     assert np.array_equal(found[0].readings, found[1].readings) and len(found[0].readings) == 12
     assert np.array_equal(found[0].xy_m, found[1].xy_m)
+
+
+def test_two_clocks_are_an_error_that_names_both(tmp_path: Path) -> None:
+    walk = samples.make_walk(6.0)
+    walk["accel"][:, 0] += 600.0
+    for name, sensor in {"Accelerometer.csv": "accel", "Gyroscope.csv": "gyro"}.items():
+        (tmp_path / name).write_bytes(samples.text_of("time,x,y,z", walk[sensor]))
+    with pytest.raises(RecordingError, match=r"Accelerometer.csv begins at 600.000 s, Gyroscope.csv"):
+        read(tmp_path)

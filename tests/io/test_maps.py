@@ -211,11 +211,15 @@ def toml_of(folder: Path, image: str) -> Path:
     return written_text(folder / "plan.toml", f'[[level]]\nimage = "{image}"\nmetres_per_pixel = 0.02\n')
 
 
+def noise(folder: Path) -> Path:
+    from PIL import Image
+
+    Image.fromarray(np.random.default_rng(0).random((900, 900)) < 0.7).save(folder / "plan.png")
+    return written_text(folder / "plan.toml", '[[level]]\nimage = "plan.png"\nmetres_per_pixel = 0.1\n')
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "mercator": (
-        lambda p: plain(house(), p / "a.geojson", crs={"type": "name", "properties": {"name": "EPSG:3857"}}),
-        "EPSG:3857",
-    ),
+    "noise": (lambda p: noise(p), "as noise or a photograph"),
     "a feature alone": (lambda p: written(p / "a.geojson", house()[0]), "a Feature alone"),
     "lines": (lambda p: written_text(p / "a.json", "\n".join(map(json.dumps, house()))), "a feature on each line"),
     "other words": (
@@ -408,7 +412,7 @@ def test_a_picture_in_other_units(tmp_path: Path, per_pixel: float, unit: str, n
     assert sum(repair.kind == "units doubtful" for repair in plan.repairs) == notes
 
 
-def drawn(folder: Path, *, light: str = "white", dark: str = "black", has_gap: bool = False, text: str = "") -> Path:
+def drawn(folder: Path, *, light: str = "white", dark: str = "black", extra: str = "", text: str = "") -> Path:
     """Two rooms with a door between them, a table in one, and an entrance that may stand open."""
     from PIL import Image, ImageDraw
 
@@ -419,7 +423,8 @@ def drawn(folder: Path, *, light: str = "white", dark: str = "black", has_gap: b
     draw.rectangle([280, 180, 290, 224], fill=light)
     draw.rectangle([90, 90, 140, 130], outline=dark, width=2)
     draw.text((350, 100), text, fill=dark, font_size=40)
-    if has_gap:
+    draw.rectangle([20, 20, 570, 370], outline=dark, width=3 * (extra == "frame"))
+    if extra == "gap":
         draw.rectangle([520, 180, 540, 224], fill=light)
     image.save(folder / "plan.png")
     (folder / "plan.toml").write_text('[[level]]\nimage = "plan.png"\nmetres_per_pixel = 0.02\n')
@@ -431,7 +436,8 @@ def drawn(folder: Path, *, light: str = "white", dark: str = "black", has_gap: b
     [
         ({}, "furniture left out"),
         ({"text": "ROOM 008"}, "furniture left out"),
-        ({"has_gap": True}, "walls not closed"),
+        ({"extra": "gap"}, "walls not closed"),
+        ({"extra": "frame"}, "frame"),
         ({"light": "#101020", "dark": "#e0e0e0"}, "light walls"),
         ({"dark": "#8080c8"}, "threshold found"),
     ],
@@ -442,3 +448,10 @@ def test_pictures_as_people_draw_them(tmp_path: Path, options: dict[str, Any], t
     assert told in {repair.kind for repair in plan.repairs}
     assert plan.building.area_m2 == pytest.approx(9.4 * 5.6 - 0.8, rel=0.05) and not unreachable(plan.building).any()
     assert sum("/door" not in polygon.id for polygon in plan.building.polygons) == 2
+
+
+def test_web_mercator_is_told_by_the_widths_of_doors(tmp_path: Path) -> None:
+    at, metre_m = (1.2e6, 6378137.0 * float(np.arcsinh(np.tan(np.radians(50.0))))), np.cos(np.radians(50.0))
+    features = scaled(house(), lambda place: [at[k] + place[k] / metre_m for k in (0, 1)])
+    plan = read_plan(written(tmp_path / "a.geojson", {"type": "FeatureCollection", "features": features}))
+    assert plan.building.polygons[0].area_m2 == pytest.approx(20.0, rel=0.01) and plan.geo is not None

@@ -428,19 +428,12 @@ def csv(folder: Path, walk: Rows) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One way in which a format is written.
+    """One way in which a format is written."""
 
-    Attributes:
-        reader: Key of `pdrbench.io.READERS`.
-        write: Takes a folder and a walk, as from `make_walk`; returns the path to read.
-        streams: What is read from it: sensors, and "reference" where the file holds places.
-        needs: The library that writes it, beside those of pdrbench itself.
-    """
-
-    reader: str
-    write: Callable[[Path, Rows], Path]
-    streams: tuple[str, ...]
-    needs: str = ""
+    reader: str  # key of `pdrbench.io.READERS`
+    write: Callable[[Path, Rows], Path]  # takes a folder and a walk, as from `make_walk`; returns the path to read
+    streams: tuple[str, ...]  # what is read from it: sensors, and "reference" where the file holds places
+    needs: str = ""  # the library that writes it, beside those of pdrbench itself
 
 
 def _sample(reader: str, write: Callable[[Path, Rows], Path], streams: str, needs: str = "") -> Sample:

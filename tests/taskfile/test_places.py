@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdrbench_formats.taskfile.places import read_places
+from pdrbench.errors import RecordingError
+from pdrbench.io.geo import GeoFrame
+from pdrbench_formats.taskfile.places import check_not_exchanged, read_places
 from pdrbench_formats.taskfile.survey import is_survey_table, read_survey_table
 
 ISO = "2023-11-14T22:13:{:02d}.000Z"
@@ -80,3 +82,8 @@ def test_surveys_in_the_dialects_of_loggers(text: str, tmp_path: Path) -> None:
     scans, geo = read_survey_table(tmp_path / "scans.csv")
     assert geo is None and scans.xy_m.tolist() == [[1.0, 2.0]] and scans.level.tolist() == [3]
     assert scans.readings[:, 1].tolist() == [-50.0, -60.0]
+
+
+def test_degrees_exchanged_in_one_of_two_sources_name_both() -> None:
+    with pytest.raises(RecordingError, match=r"11.10, longitude 49.50, and the other places at 49.46, 11.11: exchange"):
+        check_not_exchanged(GeoFrame(11.1, 49.5), GeoFrame(49.46, 11.11), "the places")

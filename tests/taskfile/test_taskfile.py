@@ -245,6 +245,7 @@ def test_a_recording_begins_at_the_place_that_is_its_start(folder: Path) -> None
         ("t_s,x_m,y_m\n0,1,2\n0,3,4\n", "t_s does not increase"),
         ("t_s,x_m,y_m\n0,1,2\n1,2\n2,3,4\n3,4,5\n", "line 3: 2 fields, expected 3"),
         ("t_s,x_m,y_m\n0,1,nan\n", "line 2: y_m is ''"),
+        ("t_s,x,y,floor\n0,1,2,1\n2,3,2,1\n", "one level lower 100% do"),
         ("time,x,y\n09:00:00,1,2\n09:00:02,3,4\n", "another clock.*--truth-offset .* -32400.0 puts them right"),
     ],
 )

@@ -81,9 +81,6 @@ def _recording(
     building = None if map_file is None else read_plan(map_file).building
     if isinstance(content, Recording):
         return dataclasses.replace(
-            content,
-            id=name or content.id,
-            building=building or content.building,
-            mounting=mounting or content.mounting,
+            content, id=name or content.id, building=building or content.building, mounting=mounting or content.mounting
         )
     return content.recording(name or source.name.partition(".")[0], building, sensor_spec, mounting=mounting)

@@ -35,8 +35,7 @@ def check(
         Path | None, typer.Option(metavar="FILE", help="Draw it: .html, .png, .svg or .pdf.", show_default="none")
     ] = None,
     walk_file: Annotated[
-        Path | None,
-        typer.Option("--walk", metavar="FILE", help="A recording with places: which walls does it cross?"),
+        Path | None, typer.Option("--walk", metavar="FILE", help="A recording with places: which walls does it cross?")
     ] = None,
     kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="any")] = None,
     doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "none",

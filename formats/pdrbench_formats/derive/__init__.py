@@ -9,10 +9,4 @@ from __future__ import annotations
 from pdrbench_formats.derive.attitude import attitude
 from pdrbench_formats.derive.streams import DERIVED, derive, derived_streams, missing_reason
 
-__all__ = [
-    "DERIVED",
-    "attitude",
-    "derive",
-    "derived_streams",
-    "missing_reason",
-]
+__all__ = ["DERIVED", "attitude", "derive", "derived_streams", "missing_reason"]

@@ -30,10 +30,7 @@ BIAS_RADPS: Final = 0.05  # ... and it shows less than this, which is then its b
 
 
 def attitude(
-    accel: FloatArray,
-    gyro: FloatArray,
-    mag: FloatArray | None = None,
-    heading_rad: float | None = None,
+    accel: FloatArray, gyro: FloatArray, mag: FloatArray | None = None, heading_rad: float | None = None
 ) -> FloatArray:
     """Attitudes at the samples of the gyroscope, each from samples that are not later.
 

@@ -1,14 +1,7 @@
 """DXF drawings (`ezdxf`), one for each level: what a layer holds is read from its name.
 
 Layers are read as `maps.layers` says. Lines, arcs and blocks on layers of doors show which gaps in walls are doors.
-Drawings of several levels share an origin, and a `plan.toml` beside them says which is which:
-
-    [[level]]
-    drawing = "ground.dxf"
-    level = 0
-    height_m = 0.0
-
-The unit is that of $INSUNITS where what is drawn can be so large. `unit = "mm"` above the levels settles it.
+Drawings of several levels share an origin, and a `plan.toml` beside them says which is which.
 """
 
 from __future__ import annotations

@@ -7,8 +7,9 @@ heights. See docs/buildings.md.
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,9 +37,11 @@ from pdrbench_formats.maps.features import (
 from pdrbench_formats.maps.layers import scale_of
 from pdrbench_formats.maps.plan import Plan
 
+USUAL_DOOR_M: Final = (0.7, 1.15)  # median width of the doors of a plan
 MAX_LOCAL_M: Final = 2e5  # further from the origin a plan has coordinates of the Earth
 UNITS_M: Final[Mapping[str, float]] = WORDS["units"]
 DEGREES: Final = "degrees"
+MERCATOR: Final = "web mercator"
 KINDS: Final = ("room", "area", "wall", "door", "stairs", "escalator", "lift", "zone")
 CONNECTIONS: Final = ("stairs", "escalator", "lift")
 AREAS: Final = ("room", "area", "zone", *CONNECTIONS)
@@ -79,28 +82,21 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         return shapefile.plan_of(path, features, "", strict=strict, source="geojson_plan")
     _check_vocabulary(features, path)
     crs = _crs_name(document.crs)
-    if any(crs.endswith(number) for number in _MERCATOR_CRS):
-        raise MapError(f"{path}: coordinates in {crs}, whose metres are longer than metres; export it in EPSG:4326")
     named = document.units or (DEGREES if crs.endswith(_DEGREES_CRS) else "")
+    if named == MERCATOR or crs.endswith(_MERCATOR_CRS) or (not (named or crs) and _is_mercator(features, builder)):
+        features, named = [dataclasses.replace(one, shape=_in_degrees(one.shape)) for one in features], DEGREES
     units = named or (DEGREES if is_degrees(features) else "metres")
     geo: GeoFrame | None = None
     if units == DEGREES:
         check_degrees(features, path)
         geo = frame_of(features)
     elif units not in UNITS_M:
-        raise MapError(f"{path}: {unknown_name('unit of length', units, [*UNITS_M, DEGREES])}")
+        raise MapError(f"{path}: {unknown_name('unit of length', units, [*UNITS_M, DEGREES, MERCATOR])}")
     elif extent(feature.shape for feature in features) < 0.05:
         raise MapError(f'{path}: in {units} the plan is smaller than a hand; are they degrees? set "units": "degrees"')
     doors = [one.shape.length for one in features if one.tags.get("feature") == "door" and one.shape.length]
     if not named and (units == DEGREES or not doors):
         builder.note("units assumed", f"the file does not name its units: taken for {units}")
-    size, low = extent(feature.shape for feature in features), np.abs(features[0].shape.bounds[:2])
-    if units == "metres" and not crs and low.max() > MAX_LOCAL_M:
-        longer = np.cosh(min(low[1] / WGS84_A_M, np.pi))
-        what = (
-            f"{size:.3g} m across, or {size / longer:.3g} m if the coordinates are Web Mercator: export it in EPSG:4326"
-        )
-        builder.note("units doubtful", what)
     heights = {level.level: level.height_m for one in documents.values() for level in one.levels}
     numbers = sorted({*heights, *(level for feature in features for level in _levels(feature))})
     for number in numbers:
@@ -110,11 +106,33 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
             builder.note("duplicate id", f"{count} features have the id {id!r}: numbered")
     scale = UNITS_M.get(units, 1.0)
     if not named and units != DEGREES:
+        size = extent(feature.shape for feature in features)
         scale = scale_of(size, [("door", float(np.median(doors)))] if doors else [], None if doors else 1.0, builder)
     for feature in features:
         scaled = shapely.transform(feature.shape, lambda xy: xy * scale)
         _add(builder, feature, scaled if geo is None else to_metres(feature.shape, geo))
     return finished(builder, "geojson_plan", geo)
+
+
+def _is_mercator(features: Sequence[Feature], builder: BuildingBuilder) -> bool:
+    """Whether coordinates without a name, as far out as those of the Earth, are Web Mercator by the widths of doors."""
+    low = np.abs(features[0].shape.bounds[:2])
+    if not MAX_LOCAL_M < low.max() <= np.pi * WGS84_A_M:
+        return False
+    size, longer = extent(feature.shape for feature in features), float(np.cosh(low[1] / WGS84_A_M))
+    doors = [one.shape.length for one in features if one.tags.get("feature") == "door" and one.shape.length]
+    width = float(np.median(doors)) if doors else 0.0
+    is_mercator = width > USUAL_DOOR_M[1] and USUAL_DOOR_M[0] <= width / longer <= USUAL_DOOR_M[1]
+    seen = [f"{size / by:.3g} m across, its doors {width / by:.2g} m wide" for by in (1.0, longer)]
+    taken = f'the {"second" if is_mercator else "first"} is taken: "units": "metres" or "{MERCATOR}" settles it'
+    builder.note("units doubtful", f"in metres {seen[0]}, in Web Mercator {seen[1]}; {taken}")
+    return is_mercator
+
+
+def _in_degrees(shape: Any) -> Any:
+    """A geometry in Web Mercator, EPSG:3857, as longitude and latitude."""
+    x_y = shapely.transform(shape, lambda xy: xy / WGS84_A_M)
+    return shapely.transform(x_y, lambda xy: np.degrees(np.column_stack([xy[:, 0], np.arctan(np.sinh(xy[:, 1]))])))
 
 
 def _collections(container: Container) -> list[str]:

@@ -92,6 +92,7 @@ class _Opened:
         self._shapes = shapely_polygons(building.polygons)
         self._tree = shapely.STRtree(self._shapes)
         self._doors: list[FloorPolygon] = []
+        self._door_shapes: dict[int, list[shapely.Polygon]] = {level: [] for level in building.levels}
         self._inserted: dict[int, list[tuple[float, list[FloatArray], list[int]]]] = {}
         self.repairs: list[Repair] = []
         part = reachable_parts(building)
@@ -157,6 +158,7 @@ class _Opened:
             self._inserted.update(before)
             return False
         self._doors.append(door)
+        self._door_shapes[door.level].append(shapely.Polygon(ring))
         rooms = f"{building.polygons[a].id!r} and {building.polygons[b].id!r}"
         what = f"no door leads there: {width_m:.2g} m opened between {rooms}, a guess"
         place = shapely.Polygon(ring).centroid
@@ -170,7 +172,7 @@ class _Opened:
         others = [int(k) for k in self._tree.query(shape, predicate="intersects") if int(k) not in sides]
         if any(self._building.polygons[k].level == level for k in others):
             return True
-        if any(door.level == level and shape.intersects(shapely.Polygon(door.outline_xy_m)) for door in self._doors):
+        if shapely.intersects(shape, self._door_shapes[level]).any():
             return True
         if not is_notch:
             return False

@@ -1,14 +1,6 @@
 """Plans as pictures: walls by threshold, outlines by tracing. A PNG with a scale beside it, and maps of ROS map_server.
 
-`plan.toml` names each picture and its scale:
-
-    name = "House"
-    [[level]]
-    level = 0
-    image = "ground.png"
-    metres_per_pixel = 0.02
-
-A picture is drawn with x to the right and y up; (0, 0) is its lower left corner.
+`plan.toml` names them and their scales. A picture is drawn with x right and y up, (0, 0) in its lower left corner.
 """
 
 from __future__ import annotations
@@ -47,7 +39,10 @@ SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
 MIN_SIDE_M: Final = 2.0  # of a picture: less is no plan, and an entrance would be wider than all of it
 MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
-MAX_PARTS: Final = 500  # of the floor of a level, and as many holes: noise has thousands, which took 20 s
+MAX_PARTS: Final = 300  # of the floor of a level, and as many holes: noise has thousands, which took 20 s
+MAX_EDGES: Final = 150_000  # of pixels between floor and wall: a room for each 27 by 27 pixels of `MAX_TRACED`
+MAX_CORNERS: Final = 5_000  # of the outlines of a level: noise has 50 000, which took 8 s
+MIN_HOUSE: Final = 0.5  # of the floor inside of a frame, which is one part of it: a block of rooms in a ring is many
 NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
 NECK_RADII: Final = 32
 MIN_DEPTH: Final = 1.5  # of a room, in widths of its door
@@ -62,6 +57,7 @@ class Picture(msgspec.Struct, forbid_unknown_fields=True):
     level: int = 0
     height_m: float | None = None
     dark: float | None = None
+    frame: bool | None = None
     origin_m: tuple[float, float] = (0.0, 0.0)
 
 
@@ -204,6 +200,7 @@ def _inside(grey: FloatArray, bright: BoolArray, builder: BuildingBuilder, pictu
     """Bright pixels that walls enclose; walls are found by a threshold between theirs and that of the paper."""
     if bright.mean() < MIN_BRIGHT:
         raise MapError(f"{place}: {1 - bright.mean():.0%} of the picture is wall: a wrong `dark`? Set it in the table")
+    bright = _without_frame(bright, picture, builder)
     inside = _enclosed(bright, picture.metres_per_pixel)
     if inside is None and picture.dark is None and np.ptp(grey) > 0.1:
         level = float(_skimage().filters.threshold_otsu(grey))
@@ -217,9 +214,6 @@ def _inside(grey: FloatArray, bright: BoolArray, builder: BuildingBuilder, pictu
     if inside[1]:
         what = f"the outer wall has gaps of up to {inside[1]:g} m, which were closed to find what is inside"
         builder.note("walls not closed", what, picture.level)
-    if _has_frame(~bright):
-        what = "a line runs round everything and touches nothing: if it is the frame of the drawing, cut it off"
-        builder.note("floor doubtful", what, picture.level)
     hull = _skimage().morphology.convex_hull_image(~bright)
     if inside[0].sum() < MIN_OF_HULL * hull.sum():
         what = f"{inside[0].sum() / hull.sum():.0%} of what walls span is floor: is the outer wall open, `dark` wrong?"
@@ -227,16 +221,35 @@ def _inside(grey: FloatArray, bright: BoolArray, builder: BuildingBuilder, pictu
     return inside[0]
 
 
-def _has_frame(dark: BoolArray) -> bool:
-    """Whether one dark part is a rectangle round all others, which fill at least half of it, and touches none."""
-    parts, _ = ndimage.label(dark, np.ones((3, 3)))
+def _without_frame(bright: BoolArray, picture: Picture, builder: BuildingBuilder) -> BoolArray:
+    """Bright pixels, with those of a line round everything that is the frame of the drawing.
+
+    A frame it is where the table says so, or where what lies inside of it hangs together as a house does. The line is a
+    dark part, a rectangle round all others, which fill at least half of it, and touches none.
+    """
+    parts, _ = ndimage.label(~bright, np.ones((3, 3)))
     boxes = ndimage.find_objects(parts)
+    if picture.frame is False or len(boxes) < 2:
+        return bright
     sides = np.array([[one.stop - one.start for one in box] for box in boxes])
     outer = int(sides.prod(axis=1).argmax())
     margin = 2 + int(sides[outer].max()) // 50
     inner = tuple(slice(one.start + margin, one.stop - margin) for one in boxes[outer])
     is_inside = (2 * np.delete(sides, outer, axis=0) >= sides[outer]).all(axis=1)
-    return bool(is_inside.any()) and not (parts[inner] == 1 + outer).any()
+    if not is_inside.any() or (parts[inner] == 1 + outer).any():
+        return bright
+    within, pixel_m2 = bright | (parts == 1 + outer), picture.metres_per_pixel**2
+    found = _enclosed(within, picture.metres_per_pixel)
+    floor = np.zeros_like(bright) if found is None else found[0]
+    rooms = np.bincount(ndimage.label(floor)[0].ravel(), minlength=2)[1:]
+    is_frame = picture.frame or (found is not None and rooms.max() >= MIN_HOUSE * rooms.sum())
+    what = (
+        f"a line round {sides[outer].prod() * pixel_m2:.0f} m² touches nothing, and without it "
+        f"{floor.sum() * pixel_m2:.0f} m² are floor: taken for {'the frame of the drawing' if is_frame else 'a wall'}; "
+        f"`frame = {'false' if is_frame else 'true'}` below [[level]] says otherwise"
+    )
+    builder.note("frame", what, picture.level)
+    return within if is_frame else bright
 
 
 def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, float] | None:
@@ -285,7 +298,16 @@ def _add_free(
     for count, what in ((num_parts, "parts of the floor"), (num_holes, "holes in it")):
         if count > MAX_PARTS:
             builder.note("picture", f"{count} {what}: all but the {MAX_PARTS} largest are left out", level)
+    noise = f"{place}: its walls run to and fro as noise or a photograph does, not a plan; clean it, or scale it down"
+    if sum(np.count_nonzero(np.diff(free, axis=axis)) for axis in (0, 1)) > MAX_EDGES:
+        raise MapError(noise)
     polygons = [polygon for polygon in trace(free) if polygon.area * to_m.scale**2 >= MIN_AREA_M2]
+    corners = np.cumsum(shapely.get_num_coordinates(polygons))
+    if len(polygons) and corners[0] > MAX_CORNERS:
+        raise MapError(noise)
+    if left := int((corners > MAX_CORNERS).sum()):
+        builder.note("picture", f"{left} parts of the floor, the smallest, are left out: too many corners", level)
+        polygons = polygons[:-left]
     if not polygons:
         raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
     filled = shapely.union_all([shapely.Polygon(hole) for polygon in polygons for hole in polygon.interiors])

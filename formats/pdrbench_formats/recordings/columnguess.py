@@ -295,9 +295,7 @@ def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], 
 
 
 def _turns(
-    table: DelimitedTable,
-    found: Mapping[str, Any],
-    judged: Callable[[FloatArray, FloatArray], bool] = turns_gravity,
+    table: DelimitedTable, found: Mapping[str, Any], judged: Callable[[FloatArray, FloatArray], bool] = turns_gravity
 ) -> bool:
     """What a function of rates and accelerations says of the first rows of a table."""
     if not found.keys() >= {"accel", "time"}:

@@ -1,13 +1,4 @@
-"""Which column of a table is which sensor, in which unit, as a `[columns]` table of TOML states it.
-
-[columns]
-time = "timestamp"
-time_unit = "ms"                  # s, ms, us, ns, datetime; or rate_hz = 100 where no column is a time
-accel = ["ax", "ay", "az"]        # x right, y to the top edge, z out of the screen; "-ay" turns a column round
-accel_unit = "g"                  # m/s^2, g, mg
-gyro = ["gx", "gy", "gz"]
-gyro_unit = "deg/s"               # rad/s, deg/s
-"""
+"""Which column of a table is which sensor, in which unit, as a `[columns]` table of TOML states it: docs/formats.md."""
 
 from __future__ import annotations
 

@@ -63,6 +63,11 @@ class _Explained:
         """The first time, in a unit of time."""
         return clock(self.source.table, self.columns.time, unit or self.columns.time_unit)[1]
 
+    def is_apart(self, other: _Explained) -> bool:
+        """Whether its rows end before those of another begin."""
+        t_s, first_s = clock(self.source.table, self.columns.time, self.columns.time_unit)
+        return first_s + float(np.nanmax(t_s)) < other.begin_s()
+
 
 def join_tables(
     path: Path, tables: Iterable[SensorTable], tally: Tally, *, strict: bool, device: str = "", may_sort: bool = False
@@ -150,7 +155,7 @@ def _on_one_clock(path: Path, explained: list[_Explained]) -> list[_Explained]:
             if units and columns.time_unit not in units:
                 columns = msgspec.structs.replace(columns, time_unit=units[0])
         one = _Explained(one.source, columns, one.assumed)
-        if abs(one.begin_s() - begin_s) > 60 * _MAX_APART_S:
+        if one.is_apart(first) or first.is_apart(one):
             raise RecordingError(
                 f"{path}: {first.source.name} begins at {begin_s:.3f} s, {one.source.name} at {one.begin_s():.3f} s: "
                 f"two clocks or two recordings; export them with one clock, or name one of the files"

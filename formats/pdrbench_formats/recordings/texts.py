@@ -28,6 +28,7 @@ _MAX_NAMES: Final = 200
 _MAX_DEPTH: Final = 4  # of a list of rows in a document
 _ROWS_BEGIN: Final = re.compile(rb"\[\s*\{")
 _STAMP: Final = re.compile(rb"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=(.*))", re.M)  # of the serial monitor of Arduino
+_MINUS: Final = "\N{MINUS SIGN}".encode()  # of typeset numbers, where others write a hyphen
 _LAST_MARK: Final = re.compile(rb";(?=\r?\n)")
 _BETWEEN_OBJECTS: Final = re.compile(rb"\}\s*,\s*\{")
 _BETWEEN_FIELDS: Final = re.compile(rb"[,;\t|]\s*|\s+(?=[A-Za-z_\x80-\xff][^\s:=]*[:=])")
@@ -48,6 +49,7 @@ def text_of(content: bytes, path: Path) -> Text:
     content = content[: len(content) - num_zero]  # of a logger whose power was cut
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
+    content = content.replace(_MINUS, b"-")
     begin = content[:_BEGIN_BYTES]
     encoding = ENCODINGS[0] if begin.isascii() else max(ENCODINGS, key=lambda one: _num_known(begin, one))
     num_lines = begin.count(b"\n")

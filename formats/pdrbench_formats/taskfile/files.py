@@ -25,7 +25,7 @@ from pdrbench_formats.detect import detect, read, read_plan
 from pdrbench_formats.maps.plan import Plan
 from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.motion import moves_as_shoe
-from pdrbench_formats.taskfile.places import read_places
+from pdrbench_formats.taskfile.places import check_not_exchanged, read_places
 from pdrbench_formats.taskfile.schema import TaskFile, WalkTable
 
 TRUTH_END: Final = "_truth.csv"  # of the name of a table of places beside a recording
@@ -235,6 +235,8 @@ def places_of(path: Path, table: WalkTable, found: Log | Recording) -> tuple[Tra
     if table.truth:
         places, geo, left_out = read_places(beside(path, table.truth), getattr(found, "start_unix_s", None))
         places = dataclasses.replace(places, t_s=places.t_s + table.truth_offset_s)
+        if geo is not None and (of_phone := getattr(found, "geo", None)) is not None:
+            check_not_exchanged(geo, of_phone, f"{beside(path, table.truth)}: its places")
         first_s, last_s, end_s = float(places.t_s[0]), float(places.t_s[-1]), last_row_s(found)
         if first_s > end_s + MAX_APART_S or last_s < -MAX_APART_S:
             raise RecordingError(

@@ -155,6 +155,9 @@ class _Opening:
             facts = files.file_facts(self._path, self._content, table, self._index)
             if self._reader.geo is None and self._reader.building is None:
                 self._reader = dataclasses.replace(self._reader, geo=facts.geo)
+                if facts.geo is not None and table.truth:  # nothing else says where that is
+                    where = f"latitude {facts.geo.lat_deg:g}, longitude {facts.geo.lon_deg:g}"
+                    self._notes.append(f"{walk}: its places lie at {where}; if not, exchange the names of the two")
             is_given = self._content.task.start != "unknown" and self._reader.has_start(table, facts)
             self._streams(walk, facts, is_given=is_given)  # while its file is in memory
             return facts

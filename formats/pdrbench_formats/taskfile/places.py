@@ -41,6 +41,7 @@ _OF_A_POSE: Final = re.compile(r".*(?:pose|position|translation|location|pos)\.?
 _MIN_RISE_M: Final = 2.0  # of a height, that may be another level
 _MIN_SENDERS: Final = 3  # columns that make a table one with a row for each scan
 _MAX_DEGREES: Final = 0.02  # between places named x and y that are degrees: 2 km, and in metres nowhere to walk to
+_NEAR_DEG: Final = 0.1  # between frames of one site
 _STEPS_S: Final = (0.0009, 100.0)  # between places
 
 
@@ -98,6 +99,16 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
         return places, geo, left_out if left else ""
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
+
+
+def check_not_exchanged(one: GeoFrame, other: GeoFrame, whose: str) -> None:
+    """Raises `RecordingError` where two frames lie together only with latitude and longitude of one exchanged."""
+    apart = np.hypot(one.lat_deg - other.lat_deg, one.lon_deg - other.lon_deg)
+    if np.hypot(one.lat_deg - other.lon_deg, one.lon_deg - other.lat_deg) < _NEAR_DEG < apart:
+        raise RecordingError(
+            f"{whose} lie at latitude {one.lat_deg:.2f}, longitude {one.lon_deg:.2f}, and the other places at "
+            f"{other.lat_deg:.2f}, {other.lon_deg:.2f}: exchange the two names in the one that is wrong"
+        )
 
 
 def place_columns(names: Collection[str]) -> Sequence[str]:

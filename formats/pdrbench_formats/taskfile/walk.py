@@ -13,7 +13,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.sensors import SENSORS
@@ -22,9 +22,10 @@ from pdrbench.trajectory import Start, Trajectory
 from pdrbench_formats.maps.plan import PlanAlignment
 from pdrbench_formats.taskfile import survey
 from pdrbench_formats.taskfile.files import FileFacts, beside, places_of, read_walk
-from pdrbench_formats.taskfile.places import moved
+from pdrbench_formats.taskfile.places import check_not_exchanged, moved
 from pdrbench_formats.taskfile.schema import StartTable, TaskFile, WalkTable
 
+_MOST_INSIDE: Final = 0.9  # of places on the floor of a level that is meant
 MAX_LEAD_S: Final = 2.0  # a recording may begin so long before the place that is its start
 
 
@@ -53,11 +54,7 @@ class StreamFacts(msgspec.Struct, frozen=True):
 def stream_facts(stream: SensorStream, period_s: float) -> StreamFacts:
     """What a task has to know of a stream, observed once a period."""
     _, counts = np.unique(np.ceil(stream.t_s / period_s - 1e-6), return_counts=True)
-    return StreamFacts(
-        spec=stream.spec,
-        rate_hz=rate_of(stream.t_s) or None,
-        most=int(counts.max(initial=0)),
-    )
+    return StreamFacts(spec=stream.spec, rate_hz=rate_of(stream.t_s) or None, most=int(counts.max(initial=0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,13 +160,16 @@ class WalkReader:
                 why = f"{error}; to be a survey, the file is a recording with scans, or a table {survey.SURVEY_EXAMPLE}"
                 raise RecordingError(why) from error
         scans, geo = survey.read_survey_table(place)
-        return dataclasses.replace(scans, xy_m=self._in_frame(scans.xy_m, geo, place.name)), True
+        scans = dataclasses.replace(scans, xy_m=self._in_frame(scans.xy_m, geo, place.name))
+        self._check_levels(scans.xy_m, scans.level, place.name)
+        return scans, True
 
     def _placed(self, table: WalkTable, reference: Trajectory, geo: GeoFrame | None) -> Trajectory:
         """A reference in the frame of the task; none where that is not known and the places are no truth."""
         if geo is not None and self.geo is None and not reference.surveyed.any():
             return reference.rows(np.zeros(len(reference), dtype=np.bool_))
         xy_m = self._in_frame(reference.xy_m, geo, f"walk {table.id!r}")
+        self._check_levels(xy_m, reference.level, f"walk {table.id!r}")
         return moved(reference, xy_m, self.turn.turn_rad if geo is None else 0.0)
 
     def _in_frame(self, xy: FloatArray, geo: GeoFrame | None, whose: str) -> FloatArray:
@@ -181,7 +181,21 @@ class WalkReader:
                 f"{self.path}: the places of {whose} are latitudes and longitudes, and the plan does not say where "
                 f"it lies; add [plan.align] with lat_deg and lon_deg of its origin, or give metres"
             )
+        check_not_exchanged(geo, self.geo, f"{self.path}: the places of {whose}")
         return self.geo.to_local(*geo.to_geo(xy))
+
+    def _check_levels(self, xy_m: FloatArray, level: IntArray, whose: str) -> None:
+        """Raises `RecordingError` where places count floors from 1, and the plan from 0."""
+        own, known = set(level.tolist()), set(() if self.building is None else self.building.levels)
+        if self.building is None or 0 in own or not own or not {number - 1 for number in own} <= known:
+            return
+        on_floor, below = (float(self.building.contains(xy_m, level - down).mean()) for down in (0, 1))
+        if not own <= known or (below > _MOST_INSIDE and on_floor < 1.0 - _MOST_INSIDE):
+            raise RecordingError(
+                f"{self.path}: the places of {whose} are on levels {sorted(own)}, of which the "
+                f"plan has {sorted(own & known) or 'none'}; {on_floor:.0%} of them lie on its floor, one level lower "
+                f"{below:.0%} do. The plan has levels {sorted(known)}: number them as it does, 0 for the ground"
+            )
 
     def _starts_at_place(self, table: WalkTable) -> bool:
         """True where the first place of a walk is given as its start."""
