@@ -214,7 +214,7 @@ def toml_of(folder: Path, image: str) -> Path:
 def noise(folder: Path) -> Path:
     from PIL import Image
 
-    Image.fromarray(np.random.default_rng(0).random((900, 900)) < 0.7).save(folder / "plan.png")
+    Image.fromarray(np.random.default_rng(0).random((1000, 1000)) < 0.7).save(folder / "plan.png")
     return written_text(folder / "plan.toml", '[[level]]\nimage = "plan.png"\nmetres_per_pixel = 0.1\n')
 
 
