@@ -25,7 +25,7 @@ from scipy.special import ndtr
 from pdrbench.building import Building, FloorRegion
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import RadioMap
-from pdrbench_baselines.gp_wifi import kernels
+from pdrbench_baselines.gp_wifi.kernels import equations
 from pdrbench_baselines.gp_wifi.sightings import Sightings, sightings_of
 
 NEAREST_M2: Final = 4.0  # added to squared distances: phones and access points are at different heights
@@ -144,7 +144,8 @@ class SignalMap:
             level = self._levels[number]
             level.fit(new)
             for one in new.tolist():
-                parts[one] = Field(*level.field(one))
+                at, mean_dbm, variance_db2 = level.field(one)
+                parts[one] = Field(at.astype(np.int32), mean_dbm.astype(np.float32), variance_db2.astype(np.float32))
         return [parts[one] if known else None for one, known in zip(column.tolist(), is_known.tolist(), strict=True)]
 
     @property
@@ -209,28 +210,40 @@ class _Level:
         self._own, self._received, total = numbers[own], received[:, own], total[:, own]
         self._dbm = np.divide(total, self._received, out=np.zeros_like(total), where=self._received > 0)
         self._fit_path_loss()
-        self._is_seen = (self._received > 0) | self._is_miss
-        self._left_db = np.where(self._received > 0, self._dbm, self._site_dbm) - self._mean_dbm
-        noise_db2 = self._params.noise_db**2 / np.maximum(self._received, 1)
-        self._noise_db2 = np.where(self._received > 0, noise_db2, self._site_db2) + self._params.nugget_db**2
+        p, is_received = self._params, self._received > 0
+        noise_db2 = np.where(is_received, p.noise_db**2 / np.maximum(self._received, 1), self._site_db2)
+        left_db = np.where(is_received, self._dbm, self._site_dbm) - self._mean_dbm
+        self._is_seen = (is_received | self._is_miss).T.copy()
+        self._left_db, self._noise_db2 = (of.T.astype(np.float32) for of in (left_db, noise_db2 + p.nugget_db**2))
         new = np.unique(self._place)
         new = new[~self._has_loss[new]]
         self._to_lattice[new], self._has_loss[new] = _loss(self._grid_m[new], self.lattice_m), True
+        # mean and variance (A, N) over the places where an access point may be
+        each_dbm = np.array([self._path_loss_dbm(place) for place in self._place])
+        self._at_lattice = each_dbm.mean(axis=0), each_dbm.var(axis=0)
+
+    def _path_loss_dbm(self, place: IntArray) -> FloatArray:
+        """(A, N) on the lattice, were access points at places (A,) of the grid."""
+        level_dbm, exponent = (of[place, np.arange(len(place)), None] for of in (self._level_dbm, self._exponent))
+        return np.asarray(level_dbm + exponent * self._to_lattice[place])
 
     def field(self, number: int) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Places of the lattice (E,), means and variances there, of one access point, in single precision."""
+        """Places of the lattice (E,), means and variances there, of one access point."""
         own = int(np.searchsorted(self._own, number))
         if own == len(self._own) or self._own[own] != number:
-            return np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32)
-        p, path_loss = self._params, (own, self._place, self._level_dbm, self._exponent, self._to_lattice)
-        covariance, right, near = kernels.equations(
-            *path_loss, self._is_seen, self._left_db, self._noise_db2, self._prior, self._cross, p.weakest_dbm - 4.0
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
+        p, (mean_dbm, variance_db2) = self._params, (of[own] for of in self._at_lattice)
+        near = (mean_dbm > p.weakest_dbm - 4.0).nonzero()[0]
+        covariance, right = equations(
+            self._is_seen[own], self._left_db[own], self._noise_db2[own], near, self._prior, self._cross
         )
         factor, _ = spotrf(covariance.T, lower=False, clean=False, overwrite_a=True)
         # X U = B, in the order of memory that is at hand
-        known = strsm(1.0, factor, right.T, side=True, lower=False, overwrite_b=True)
-        at, mean_dbm, variance_db2 = kernels.posterior(*path_loss, near, known.T, p.weakest_dbm, p.shadow_db**2)
-        return at, mean_dbm, variance_db2
+        left, known = np.split(strsm(1.0, factor, right.T, side=True, lower=False, overwrite_b=True), [1])
+        mean_dbm = mean_dbm[near] + known @ left[0]
+        kept = (mean_dbm > p.weakest_dbm).nonzero()[0]
+        variance_db2 = variance_db2[near] + p.shadow_db**2 - np.einsum("nc,nc->n", known, known)
+        return near[kept], mean_dbm[kept], variance_db2[kept]
 
     def _fit_path_loss(self) -> None:
         """Places, exponents and levels of all access points: on the grid with what was received, then with misses."""

@@ -21,9 +21,7 @@ def warm_up() -> None:
     at = np.zeros(1, dtype=np.int32), np.array([0, 1])
     add_readings(np.zeros((1, 1)), *at, one, one, np.ones((1, 3)), np.zeros(1), 25.0, log1p_exp_table())
     zero, two = np.zeros(1, dtype=np.int64), np.ones((1, 1), dtype=np.float32)
-    path_loss = 0, np.zeros((1, 1), dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1)), two
-    found = equations(*path_loss, np.ones((1, 1), dtype=np.bool_), np.zeros((1, 1)), np.ones((1, 1)), two, two, 0.0)
-    posterior(*path_loss, found[2], found[1], 0.0, 1.0)
+    equations(one > 0, one, one, zero, two, two)
     times_between(at[1], zero, np.ones(1), np.ones(1), np.zeros(1, dtype=np.bool_), 1)
     place = np.zeros((1, 2))
     mixture(place, zero, place, zero, np.ones(1), 1.0, 1.0)
@@ -62,27 +60,13 @@ def add_readings(
 
 
 @compiled
-def equations(
-    own: int, place: Any, level_dbm: Any, exponent: Any, loss: Any, is_seen: Any, left_db: Any, noise_db2: Any,
-    prior: Any, cross: Any, weakest_dbm: float,
-) -> Any:  # fmt: skip
-    """What the field of one access point of A solves, in the C cells that say something of it.
+def equations(is_seen: Any, left_db: Any, noise_db2: Any, near: Any, prior: Any, cross: Any) -> Any:
+    """What the field of an access point solves in the c of C cells that say something of it, at K of N places.
 
-    Args:
-        own: Number of the access point.
-        place: (D, A) int, places where it may be, equally likely, ascending.
-        level_dbm, exponent: (J, A) of its path loss, were it at that place.
-        loss: (J, N) path losses of exponent 1 from there to the lattice.
-        is_seen: (C, A) bool.
-        left_db, noise_db2: (C, A) what path loss leaves there, and its variance.
-        prior, cross: (C, C) and (C, N) covariances of cells, and with the lattice.
-        weakest_dbm: Where path loss gives less there is no field.
-
-    Returns:
-        Covariance (c, c) of the cells; (c, 1 + K) what is left, and covariances with places (K,); numbers of those.
+    Takes them (C,) of the cells, numbers (K,) of the places, and covariances (C, C) and (C, N). Returns the covariance
+    (c, c), a triangle of it, and (c, 1 + K): what is left in the cells, and their covariances with the places.
     """
-    cells, mean_dbm = np.flatnonzero(is_seen[:, own]), _path_loss(own, place, level_dbm, exponent, loss)[0]
-    near = np.flatnonzero(mean_dbm > weakest_dbm)
+    cells = np.flatnonzero(is_seen)
     covariance, right = (
         np.empty((len(cells), len(cells)), np.float32),
         np.empty((len(cells), 1 + len(near)), np.float32),
@@ -92,62 +76,11 @@ def equations(
         prior_row, cross_row = prior[cell], cross[cell]
         for j in range(i + 1):
             own_row[j] = prior_row[cells[j]]
-        own_row[i] += noise_db2[cell, own]
-        right_row[0] = left_db[cell, own]
+        own_row[i] += noise_db2[cell]
+        right_row[0] = left_db[cell]
         for n in range(len(near)):
             right_row[1 + n] = cross_row[near[n]]
-    return covariance, right, near
-
-
-@compiled
-def posterior(
-    own: int, place: Any, level_dbm: Any, exponent: Any, loss: Any, near: Any, known: Any, weakest_dbm: float,
-    shadow_db2: float,
-) -> Any:  # fmt: skip
-    """Of the places (K,) of one field, those that are not weaker, mean and variance there.
-
-    Args:
-        known: (c, 1 + K) the right side of `equations` over the Cholesky factor of its covariance.
-        shadow_db2: Variance of the prior.
-    """
-    path_loss_dbm, path_loss_db2 = _path_loss(own, place, level_dbm, exponent, loss)
-    gained, lost = np.zeros(len(near) + 1, np.float32), np.zeros(len(near) + 1, np.float32)
-    for c in range(len(known)):
-        row, left = known[c], known[c, 0]
-        for n in range(len(row)):
-            gained[n] += left * row[n]
-            lost[n] += row[n] * row[n]
-    at, mean_dbm = np.empty(len(near), np.int32), np.empty(len(near), np.float32)
-    variance_db2, kept = np.empty(len(near), np.float32), 0
-    for n in range(len(near)):
-        mean = path_loss_dbm[near[n]] + gained[1 + n]
-        if mean > weakest_dbm:
-            at[kept], mean_dbm[kept] = near[n], mean
-            variance_db2[kept] = path_loss_db2[near[n]] + shadow_db2 - lost[1 + n]
-            kept += 1
-    return at[:kept].copy(), mean_dbm[:kept].copy(), variance_db2[:kept].copy()
-
-
-@compiled
-def _path_loss(own: Any, place: Any, level_dbm: Any, exponent: Any, loss: Any) -> Any:
-    """Mean and variance (N,) over the places where one access point may be."""
-    total, square = np.zeros(loss.shape[1]), np.zeros(loss.shape[1])
-    first_dbm = level_dbm[place[0, own], own] + exponent[place[0, own], own] * loss[place[0, own]]
-    times = 1.0 / len(place)
-    for d in range(1, len(place)):
-        here = place[d, own]
-        if here == place[0, own]:
-            continue
-        if d + 1 < len(place) and here == place[d + 1, own]:
-            times += 1.0 / len(place)
-            continue
-        row, level, slope = loss[here], level_dbm[here, own], exponent[here, own]
-        for n in range(len(total)):
-            off = level + slope * row[n] - first_dbm[n]
-            total[n] += times * off
-            square[n] += times * off * off
-        times = 1.0 / len(place)
-    return first_dbm + total, square - total * total
+    return covariance, right
 
 
 def log1p_exp_table() -> FloatArray:
