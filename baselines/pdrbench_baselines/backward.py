@@ -117,11 +117,6 @@ class BackwardSampler:
         return self._num_kept
 
     @property
-    def num_stored(self) -> int:
-        """Particles that are kept."""
-        return self._num_stored
-
-    @property
     def answers(self) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m (NaN where not claimed) that were given on the way."""
         return np.array(self._answers, dtype=np.float64).reshape(-1, 5)

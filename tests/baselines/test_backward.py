@@ -107,7 +107,7 @@ def test_memory_is_bounded(rng: np.random.Generator) -> None:
     past = BackwardSampler(num_kept=128, max_stored=1000)
     for k in range(200):
         past.follow(cloud(float(k), rng.standard_normal((500, 2)) + k * STEP_M), k - 1.0, STEP if k else None)
-        assert past.num_stored <= 1000
+        assert past._num_stored <= 1000
     assert len(past) >= 1000 // MIN_KEPT  # the last ones
     answers = np.column_stack([np.arange(200.0), np.zeros((200, 3)), np.full(200, np.nan)])
     answer(past, answers)

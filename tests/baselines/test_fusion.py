@@ -368,6 +368,7 @@ def test_without_a_plan_or_a_survey_a_known_start_is_enough() -> None:
         localizer.reset(Briefing(None, sensors, 0.2, start=None, mounting="hand"), np.random.default_rng(0))
 
 
+@pytest.mark.filterwarnings("ignore:fusion. the plan")
 def test_whom_a_plan_does_not_fit_leaves_it() -> None:
     """One starts off the floor; one walks through a wall for twenty seconds; one who walks along the hall stays."""
     sensors = {name: sensor_spec(name) for name in ("accel", "gyro", "rotation")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
-from pdrbench.errors import UnsuitableError
+from pdrbench.errors import RecordingWarning, UnsuitableError
 from pdrbench.filters import level_map
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
@@ -277,6 +278,7 @@ class Fusion(NetworkLocalizer):
             beside, self._compass = self._open
             self._hypotheses, self._building = [beside], beside.floor
             self._open, self._free, self._plan_is_wrong = None, None, True
+            warnings.warn("fusion: the plan, or the start on it, is wrong: walls are left out", RecordingWarning, 2)
 
     def _followed(self, cloud: Cloud, level: int, now_s: float, floor: Building | None = None) -> Hypothesis:
         follows_levels = self._has_level_changes and (self._start_is_known or len(cloud.levels) == 1)

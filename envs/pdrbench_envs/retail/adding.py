@@ -36,8 +36,8 @@ def add_kaggle_iln(folder: Path, log: Callable[[str], None]) -> tuple[dict[str, 
         if number % LOG_EVERY == 0:
             log(f"{DATASET}: {number} of {len(names)} buildings")
     num_walks = sum(row["walks"] for row in rows)
-    planned = sum(bool(row["levels_of_plan"]) for row in rows)
+    walked, planned = (sum(bool(row[what]) for row in rows) for what in ("walks", "levels_of_plan"))
     facts = {"folder": str(place), "buildings": rows, "walks": num_walks, "problems": problems}
     facts["secret_walks"] = len(secret_walks())
-    said = f"{DATASET}: {num_walks} walks in {len(rows)} buildings, {planned} of them with a plan"
+    said = f"{DATASET}: {num_walks} walks in {walked} buildings, {planned} of them with a plan"
     return facts, [*(f"left out: {problem}" for problem in problems), f"{said}; remembered where they lie: {place}"]

@@ -112,7 +112,7 @@ def _sites(places: tuple[Path, ...]) -> Mapping[str, Site]:
         if folders[-1] == _BETWEEN:
             folders.pop()
         plain = plain_name(name)
-        if len(folders) < 2 or folders[-1] == TEST:
+        if len(folders) < 2 or folders[-1] == TEST or name.startswith("."):  # hidden: no walk, what systems add
             continue
         site, floor = folders[-2:]
         if plain in (PLAN, SIZE):

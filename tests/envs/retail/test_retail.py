@@ -73,6 +73,7 @@ def download(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_text(walk_text(T0_MS + hour * HOUR_MS, name))
     (folder / "train" / SITE / "F1" / "bad.txt").write_text("no walk\n")
+    (folder / "train" / SITE / "F1" / "._a.txt").write_text("what macOS adds")
     flat = folder / "train" / FLAT / "B1" / "d.txt.xz"
     flat.parent.mkdir(parents=True)
     flat.write_bytes(lzma.compress(walk_text(T0_MS, floor="B1").encode()))
