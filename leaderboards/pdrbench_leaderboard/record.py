@@ -26,17 +26,7 @@ from pdrbench_leaderboard.boards import PRIVATE, Part, find_round
 from pdrbench_leaderboard.canaries import CanaryRecord
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench_leaderboard.draw import DrawnPart, read_truth, walks_sha256
-from pdrbench_leaderboard.schema import (
-    Count,
-    EntryName,
-    Line,
-    Name,
-    Record,
-    Remark,
-    Sha256,
-    read_json,
-    read_limited,
-)
+from pdrbench_leaderboard.schema import Count, EntryName, Line, Name, Record, Remark, Sha256, read_json, read_limited
 from pdrbench_leaderboard.score import DIGITS, QUANTILES, VALUES, ScoredPart
 from pdrbench_leaderboard.signing import KEYS_FILE, read_keys, sign, signed_text
 
@@ -266,11 +256,7 @@ def write_entry(
         moved.append(msgspec.structs.replace(part, divisions=divisions))
         content += answers
     record = EntryRecord(
-        board=board,
-        name=card.name,
-        spec=spec,
-        answers_sha256=hashlib.sha256(content).hexdigest(),
-        parts=tuple(moved),
+        board=board, name=card.name, spec=spec, answers_sha256=hashlib.sha256(content).hexdigest(), parts=tuple(moved)
     )
     folder = make_folder(root / board / folder_name(card.name))
     (folder / SIGNATURE_FILE).unlink(missing_ok=True)  # it was of what lay here before

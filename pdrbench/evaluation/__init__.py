@@ -23,16 +23,7 @@ _HOMES = {
     "score": "scoring",
 }
 
-__all__ = [
-    "Frame",
-    "Replayed",
-    "Results",
-    "evaluate",
-    "load_results",
-    "replay",
-    "retrace",
-    "score",
-]
+__all__ = ["Frame", "Replayed", "Results", "evaluate", "load_results", "replay", "retrace", "score"]
 
 
 def __getattr__(name: str) -> Any:

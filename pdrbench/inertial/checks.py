@@ -94,7 +94,7 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
         )
     is_new = steps_s > 0
     dropped["repeats the time before"] = int((~is_new).sum())
-    is_again = is_repeat(np.column_stack([accel, gyro]), np.zeros((0, 6)))
+    is_again = is_repeat(np.column_stack([t_s, accel, gyro]), np.zeros((0, 7)))
     dropped["repeats the sample before"] = int(is_again.sum())
     is_new &= ~is_again
     t_s, accel, gyro, kept = t_s[is_new], accel[is_new], gyro[is_new], kept[is_new]

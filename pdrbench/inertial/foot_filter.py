@@ -12,15 +12,7 @@ import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.clock import even_clock
-from pdrbench.inertial.foot_kernels import (
-    FIFTEEN,
-    NINE,
-    NUM_UPDATES,
-    Memory,
-    Noise,
-    Record,
-    advance,
-)
+from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance
 from pdrbench.inertial.gaps import GapFiller
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
 from pdrbench.inertial.quaternions import to_world, twist_rad

@@ -43,7 +43,7 @@ def navigate(
     Raises:
         RecordingError: The recording cannot be meant (units, order, shapes), or the foot never rests.
     """
-    rows, field, rest = _clean(_evened(t_s), accel, gyro, field, rest)
+    rows, field, rest = _clean(_evened(t_s, accel, gyro), accel, gyro, field, rest)
     states = FootFilter(nominal_rate_hz(rows.t_s), params).update(rows.t_s, rows.accel, rows.gyro, field, rest)
     _check_started(states)
     return states
@@ -66,7 +66,7 @@ def navigate_smoothed(
 
     Args and errors as `navigate`.
     """
-    rows, field, rest = _clean(_evened(t_s), accel, gyro, field, rest)
+    rows, field, rest = _clean(_evened(t_s, accel, gyro), accel, gyro, field, rest)
     footing = FootFilter(nominal_rate_hz(rows.t_s), params)
     piece = footing.prepare(rows.t_s, rows.accel, rows.gyro, field, rest)
     states = piece.states
@@ -88,12 +88,15 @@ def navigate_smoothed(
     return piece.measured
 
 
-def _evened(t_s: FloatArray) -> FloatArray:
-    """The times as the filter will have them, before samples that repeat one are left out."""
-    t_s = np.array(t_s, dtype=np.float64)
-    if t_s.ndim != 1 or not (np.diff(t_s) >= 0).all():
+def _evened(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FloatArray:
+    """The times as the filter will have them; rows that stand twice keep one, and do not make the clock uneven."""
+    t_s, accel, gyro = (np.array(values, dtype=np.float64) for values in (t_s, accel, gyro))
+    if t_s.ndim != 1 or not t_s.shape == accel.shape[:1] == gyro.shape[:1] or not (np.diff(t_s) >= 0).all():
         return t_s  # what cannot be meant is refused later
-    clock: FloatArray = even_clock(t_s, np.array([np.nan, np.nan, 0, 0, 0, 0]))
+    is_new = np.ones(len(t_s), dtype=np.bool_)
+    at = np.flatnonzero(np.diff(t_s) == 0) + 1
+    is_new[at] = np.any(accel[at] != accel[at - 1], axis=-1) | np.any(gyro[at] != gyro[at - 1], axis=-1)
+    clock: FloatArray = even_clock(t_s[is_new], np.array([np.nan, np.nan, 0, 0, 0, 0]))[np.cumsum(is_new) - 1]
     return clock
 
 

@@ -11,12 +11,16 @@ from pdrbench.geometry import BoolArray, FloatArray
 MOVES_RADPS: Final = 0.5  # a foot or a hand that turns faster never shows six equal numbers twice
 
 
-def is_repeat(samples: FloatArray, before: FloatArray) -> BoolArray:
-    """(n,) whether a sample (n, 6) is the one before it again, which some units send in place of one that was lost."""
-    both, is_again = np.concatenate([before, samples]), np.zeros(len(samples), dtype=np.bool_)
-    at = np.flatnonzero(both[1:, 3] == both[:-1, 3]) + 1
+def is_repeat(rows: FloatArray, before: FloatArray) -> BoolArray:
+    """(n,) whether a row (n, 7) of time and sample stands twice, or a new time has the sample before once more.
+
+    Some units send the last sample in place of one that was lost; at rest two may be equal.
+    """
+    both, is_again = np.concatenate([before, rows]), np.zeros(len(rows), dtype=np.bool_)
+    at = np.flatnonzero(both[1:, 4] == both[:-1, 4]) + 1
     if len(at):
-        at = at[(both[at] == both[at - 1]).all(axis=1) & (np.linalg.norm(both[at, 3:], axis=1) > MOVES_RADPS)]
+        at = at[(both[at, 1:] == both[at - 1, 1:]).all(axis=1)]
+        at = at[(both[at, 0] == both[at - 1, 0]) | (np.linalg.norm(both[at, 4:], axis=1) > MOVES_RADPS)]
         is_again[at - len(before)] = True
     return is_again
 
@@ -31,7 +35,7 @@ class SamplePairs:
     def __init__(self) -> None:
         self._waiting: FloatArray = np.zeros((0, 4))
         self._rate: FloatArray = np.zeros((0, 4))
-        self._last: FloatArray = np.zeros((0, 6))
+        self._last: FloatArray = np.zeros((0, 7))
 
     def update(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:
         """Takes the next rows, (n, 4) and (m, 4) time and three axes.
@@ -42,8 +46,8 @@ class SamplePairs:
         pairs = self._pairs(accel, gyro)
         if not len(pairs):
             return pairs
-        is_again = is_repeat(pairs[:, 1:], self._last)
-        self._last = pairs[-1:, 1:]
+        is_again = is_repeat(pairs, self._last)
+        self._last = pairs[-1:]
         return pairs[~is_again] if is_again.any() else pairs
 
     def _pairs(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:

@@ -103,6 +103,7 @@ def test_a_shoe_is_recognised_and_may_be_called_something_else(command: Any, tmp
         (["--start=3"], "--start is x,y,level"),
         (["--start=3,4,0.5"], "--start is x,y,level"),
         (["--columns=gone.toml"], "gone.toml: cannot be read"),
+        (["--columns=gone.toml", "--rate=50"], "write rate_hz = 50 into the file"),
         (["--map=gone.geojson"], "gone.geojson"),
         (["--truth=gone.csv"], "gone.csv: cannot be read"),
     ],

@@ -9,9 +9,11 @@ from pdrbench.inertial import phone_heading_rad, to_world
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 from pdrbench.recording import SensorStream
 from pdrbench.sensors import sensor_spec
+from pdrbench.sensors.checks import Finding
 from pdrbench.trajectory import Start
 from pdrbench_formats.derive import attitude, derive, missing_reason
-from pdrbench_formats.taskfile.motion import moves_as_shoe
+from pdrbench_formats.recordings.axes import moves_as_shoe
+from pdrbench_formats.recordings.findings import examine
 from pdrbench_sim.foot.known_walk import walk as foot_walk
 
 RATE_HZ = 50.0
@@ -120,6 +122,10 @@ def test_the_attitude_of_a_shoe_is_not_that_of_a_phone() -> None:
     phone, shoe = Walker(10.0).streams("accel", "gyro"), foot_streams(20, swing_s=0.5, tilt_rad=0.9)
     assert moves_as_shoe({name: stream.rows for name, stream in shoe.items()})
     assert not moves_as_shoe({name: stream.rows for name, stream in phone.items()})
+    rows = {"accel": shoe["accel"].rows * [1, 1, -1, -1], "gyro": shoe["gyro"].rows * [1, 1, -1, -1]}
+    sign = Finding("warning", "accel-sign", "accel", "z down", "turn it")
+    assert not {"axes", "accel-sign"} & {finding.code for finding in examine(rows, [sign])}
+    assert "axes" in {finding.code for finding in examine({**rows, "gyro": rows["gyro"][:, [0, 2, 3, 1]]})}
     assert list(derive(shoe, "", ["rotation", "position"], start=START)) == ["accel", "gyro"]
     assert "of gravity comes out upright" in missing_reason(shoe, "", "rotation", start=START)
     assert "rotation" in derive(phone, "", ["rotation"], start=START)

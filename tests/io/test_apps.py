@@ -75,3 +75,11 @@ def test_a_table_that_lacks_columns_is_refused(phone_walk: Rows, tmp_path: Path,
     path.write_text(f"{header}\n{rows}")
     with pytest.raises(RecordingError, match=message):
         reader_of(tmp_path / "new.toml").read(path)
+
+
+def test_where_times_stand_still_rows_have_the_rate_of_the_set(phone_walk: Rows, tmp_path: Path) -> None:
+    path = samples.oxiod(tmp_path, phone_walk)
+    path.write_text("\n".join(f"1.4955e+11,{line.partition(',')[2]}" for line in path.read_text().splitlines()))
+    log = reader_of(FOLDER / "oxiod.toml").read(path)
+    np.testing.assert_allclose(log.rows["gyro"][:, 0], np.arange(len(phone_walk["gyro"])) / 100)
+    assert "clock" in [finding.code for finding in log.findings] and len(log.reference) == len(log.rows["gyro"])

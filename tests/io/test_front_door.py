@@ -441,6 +441,15 @@ def test_the_map_in_the_message_reads_the_file(write: Any, message: str, phone_w
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
 
 
+@pytest.mark.parametrize(("name", "above"), [("walk_50Hz.csv", b""), ("a.csv", b"# rate: 50\n"), ("50 hz/a.csv", b"")])
+def test_a_stated_rate_is_proposed_and_can_be_passed(name: str, above: bytes, phone_walk: Rows, tmp_path: Path) -> None:
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_bytes(above + numbered_rows(phone_walk))
+    with pytest.raises(RecordingError, match=r"rate_hz = 50\.0  # as (line 1|the file's name|the folder's name) says"):
+        read(tmp_path / name)
+    assert read(tmp_path / name, "csv", columns={"rate_hz": 50.0}).rows["gyro"][50, 0] == pytest.approx(1.0)
+
+
 def test_rows_of_two_devices_name_their_column(phone_walk: Rows, tmp_path: Path) -> None:
     first, header, *rows = wit_motion(phone_walk)["data.txt"].decode().splitlines()
     both = [row.replace("WT901", f"WT{k}") for row in rows for k in (1, 2)]

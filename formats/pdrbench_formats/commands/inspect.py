@@ -14,6 +14,7 @@ import typer
 from pdrbench.building import Building
 from pdrbench.cli.options import exit_on
 from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, say
+from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
 from pdrbench.io.log import Log
@@ -30,6 +31,7 @@ RESULT: Final = "result"  # format of what `run --out` leaves
 VECTORS: Final = ("accel", "gyro", "mag")  # a wrong unit shows in the mean length: 9.8 m/s2, 1 rad/s, 25 to 65 uT
 FORMAT_HELP: Final = "Format, where the content does not show it."
 COLUMNS_HELP: Final = "Column map of a table of numbers: TOML with [columns]."
+RATE_HELP: Final = "Rows a second of a table that has no time."
 
 
 def inspect(
@@ -38,13 +40,15 @@ def inspect(
     columns: Annotated[
         Path | None, typer.Option("--columns", metavar="FILE", help=COLUMNS_HELP, show_default="guessed")
     ] = None,
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help=RATE_HELP, show_default="of its time")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Print what a file holds, what was left out, and what is wrong; exit 1 where that is an error."""
     with answer_only(as_json):
-        kind, content = read_thing(file, TABLE if columns is not None else kind, strict=False, columns=columns)
+        known = rated(columns, rate)
+        kind, content = read_thing(file, kind if known is None else TABLE, strict=False, columns=known)
         facts = {"path": str(file), "format": kind, **describe(content)}
-        if kind == TABLE and columns is None:
+        if kind == TABLE and known is None:
             with unpacked(file) as table:
                 hint = READERS[TABLE].hint
                 facts["column map"] = hint(table) if hint is not None else ""
@@ -73,7 +77,20 @@ def inspect(
     exit_on(failed)
 
 
-def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Path | None = None) -> tuple[str, object]:
+def rated(columns: Path | None, rate_hz: float | None) -> str | dict[str, float] | None:
+    """The column map that a user names, or one that holds the rate only.
+
+    Raises:
+        PdrbenchError: Both are given.
+    """
+    if columns is None:
+        return None if rate_hz is None else {"rate_hz": rate_hz}
+    if rate_hz is not None:
+        raise PdrbenchError(f"--rate {rate_hz:g} and --columns {columns}: write rate_hz = {rate_hz:g} into the file")
+    return str(columns.absolute())
+
+
+def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Any = None) -> tuple[str, object]:
     """Format and content of a file or folder; a stored walk is one of its formats.
 
     Args:

@@ -16,7 +16,7 @@ import typer
 from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.errors import PdrbenchError, plain_cell
-from pdrbench_formats.commands.inspect import COLUMNS_HELP
+from pdrbench_formats.commands.inspect import COLUMNS_HELP, RATE_HELP, rated
 from pdrbench_formats.commands.map import DOORS_HELP
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def try_(
         list[Path] | None, typer.Option(metavar="PATH", help=SURVEY_HELP, show_default="none; of a building, its walks")
     ] = None,
     columns: Annotated[Path | None, typer.Option(metavar="FILE", help=COLUMNS_HELP, show_default="guessed")] = None,
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help=RATE_HELP, show_default="of its time")] = None,
     start: Annotated[str | None, typer.Option(metavar="X,Y,LEVEL", help=START_HELP, show_default="first place")] = None,
     heading: Annotated[float | None, typer.Option(metavar="DEGREES", help=HEADING_HELP, show_default="unknown")] = None,
     truth: Annotated[Path | None, typer.Option(metavar="FILE", help=TRUTH_HELP, show_default="of the file")] = None,
@@ -78,7 +79,7 @@ def try_(
             begin = msgspec.structs.replace(begin or schema.StartTable(), heading_deg=heading)
         content = schema.TaskFile(
             plan=None if plan is None else schema.PlanTable(file=str(plan.absolute()), doors=doors),
-            columns=None if columns is None else str(columns.absolute()),
+            columns=rated(columns, rate),
             survey=schema.SurveyTable(file=tuple(str(one.absolute()) for one in survey)) if survey else None,
         )
         each = schema.WalkTable(

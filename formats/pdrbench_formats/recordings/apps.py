@@ -43,6 +43,7 @@ _DEPTH: Final = 3  # folders above a table in an archive
 
 _NUMBERS: Final = re.compile(r"(\d+):(\d+)")
 _DECIMAL: Final = re.compile(r"\s*[+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?\s*")
+_MIN_CHANGES: Final = 0.1  # of the rows of a time; fewer where it was cut when it was written
 _MAX_APART_S: Final = 1.0  # of a reference from the recording that it belongs to
 
 Names = str | list[str]
@@ -148,6 +149,9 @@ def _read(app: App, path: Path | str, *, strict: bool = True) -> Log:
     layout = {key: app.columns[key] for key in ("separator", "decimal", "header_line") if key in app.columns}
     table = read_delimited(container.read(names[0]), container.label(names[0]), **layout)
     columns = _column_map(app, table)
+    if not columns.time:
+        seen = f"the times stand still: rows follow one another at the {columns.rate_hz:g} Hz that the set states"
+        tally.note("warning", "clock", "time", seen, "copy the files again if others have times")
     reference = None
     if app.truth is not None:
         t_s, first_s = times_of(table, columns)
@@ -217,9 +221,10 @@ def _column_map(app: App, table: DelimitedTable) -> ColumnMap:
     times, units = _listed(app.columns["time"]), _listed(app.columns.get("time_unit", ""))
     for pattern, unit in zip(times, itertools.cycle(units)):  # one unit may stand for all
         name = _named(lower, pattern)
-        if name is not None and "time" not in found and (unit == "datetime" or _is_on(table, name)):
+        may_stop = "rate_hz" in found and name is not None and not _runs(table, name)
+        if name is not None and "time" not in found and not may_stop and (unit == "datetime" or _is_on(table, name)):
             found |= {"time": name, "time_unit": unit or time_unit_of(table, name)}
-    if "time" not in found:
+    if not found.keys() & {"time", "rate_hz"}:
         raise RecordingError(f"{table.path}: line 1: no column {times[0].rstrip('*')!r}; export with it")
     if not found.keys() & {"accel", "gyro", "baro"}:
         raise RecordingError(
@@ -260,6 +265,11 @@ def _named(lower: dict[str, str], pattern: str) -> str | None:
 def _is_on(table: DelimitedTable, name: str) -> bool:
     """Whether a column holds more than zeros and `null`, which apps write for a sensor that is off."""
     return bool(np.nan_to_num(table.numbers(name)).any())
+
+
+def _runs(table: DelimitedTable, name: str) -> bool:
+    """Whether a column has another number in more than a tenth of the rows than in the row before."""
+    return bool((np.diff(table.numbers(name)) != 0.0).mean() > _MIN_CHANGES)
 
 
 def _listed(value: Names) -> list[str]:

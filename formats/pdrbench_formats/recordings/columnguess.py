@@ -27,7 +27,9 @@ _MIN_FIELD_UT: Final = 5.0  # less is no field of the Earth, in whatever is take
 _RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
 
 
-def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> tuple[ColumnMap | None, list[str]]:
+def guess(
+    table: DelimitedTable, sensor: str = "", *, shared: bool = False, rate_hz: float | None = None
+) -> tuple[ColumnMap | None, list[str]]:
     """What the columns of a table are, by their names; the units by names, else by the numbers.
 
     Args:
@@ -84,8 +86,10 @@ def guess(table: DelimitedTable, sensor: str = "", *, shared: bool = False) -> t
         return None, assumed
     bases_of = {name: base for name, (base, _) in named.items()}
     taken = {name for value in found.values() if not isinstance(value, str) for name in value} | {baro or ""}
-    time = _time_column(table, bases_of, shared=shared)
-    if time is None and len(growing := _growing(table, [name for name in table.columns if name not in taken])) == 1:
+    time = _time_column(table, bases_of, shared=shared) if rate_hz is None else None
+    if rate_hz is not None:
+        found["rate_hz"] = rate_hz
+    elif time is None and len(growing := _growing(table, [name for name in table.columns if name not in taken])) == 1:
         time = growing[0]
     if time is not None:
         found["time"] = time
@@ -133,7 +137,7 @@ def usual_step(table: DelimitedTable, name: str) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
+def guess_by_place(table: DelimitedTable, rate_hz: float | None = None) -> ColumnMap | None:
     """What columns without names may be: a time that grows, then vectors, the first with gravity being the force."""
     names = list(table.columns)
     times = _growing(table, names)[:1]
@@ -144,7 +148,7 @@ def guess_by_place(table: DelimitedTable) -> ColumnMap | None:
     if force is None:
         return None
     found: dict[str, Any] = {"accel": force, "header_line": 0}
-    found |= {"time": times[0], "time_unit": time_unit_of(table, times[0])} if times else {"rate_hz": 100.0}
+    found |= {"time": times[0], "time_unit": time_unit_of(table, times[0])} if times else {"rate_hz": rate_hz}
     assumed: list[str] = []
     found["accel_unit"] = _unit_by_size(table, "accel", found, assumed)
     if others := [vector for vector in vectors if vector != force]:
@@ -298,11 +302,12 @@ def _turns(
     table: DelimitedTable, found: Mapping[str, Any], judged: Callable[[FloatArray, FloatArray], bool] = turns_gravity
 ) -> bool:
     """What a function of rates and accelerations says of the first rows of a table."""
-    if not found.keys() >= {"accel", "time"}:
+    times = [found["time"]] if "time" in found else []
+    if "accel" not in found or not (times or found.get("rate_hz")):
         return False
-    part = _beginning(table, [found["time"], *found["accel"], *found["gyro"]])
+    part = _beginning(table, [*times, *found["accel"], *found["gyro"]])
     try:
-        t_s, _ = clock(part, found["time"], found["time_unit"])
+        t_s = clock(part, times[0], found["time_unit"])[0] if times else np.arange(len(part)) / found["rate_hz"]
         rows = [np.column_stack([t_s, part.table(found[name])]) for name in ("gyro", "accel")]
     except RecordingError:  # which reading the column raises with the line
         return False

@@ -53,7 +53,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     Attributes:
         time, time_unit: Column of the time; "datetime" where it holds dates.
-        rate_hz: Rows a second, where no column is a time.
+        rate_hz: Rows a second, where no column is a time. Of a map that names no sensor, the rest is guessed.
         accel, accel_unit: Columns x, y, z of the specific force; a minus before a name turns it round.
         gravity: Columns that are added to `accel` where that lacks gravity; in the same unit.
         gyro, gyro_unit: Of angular rates.
@@ -92,6 +92,12 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     header_line: int | None = None
     device: str = ""
     mounting: str = ""
+
+    @property
+    def is_rate(self) -> bool:
+        """Whether it leaves all columns to be guessed."""
+        sensors = ("accel", "gyro", "mag", "rotation", "baro", "place")
+        return self.rate_hz is not None and not self.time and all(getattr(self, name) is None for name in sensors)
 
     def toml(self) -> str:
         """As a table that can be pasted into a file."""

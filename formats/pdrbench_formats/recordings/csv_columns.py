@@ -34,7 +34,7 @@ from pdrbench.io.reader import Head, Reader
 from pdrbench.sensors.checks import MIN_ROWS, SAMPLED
 from pdrbench_formats.recordings.assemble import Tally, note_face_down, note_guesses
 from pdrbench_formats.recordings.columnguess import doubted_unit, guess, guess_by_place, named_by_place
-from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped
+from pdrbench_formats.recordings.columnmap import ColumnMap, clock, read_column_map, read_mapped, times_of
 from pdrbench_formats.recordings.columnnames import TIME_NAMES, sensor_in, split_names, unit_of
 from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, NoHeaderError, find_layout, read_delimited
 from pdrbench_formats.recordings.joined import COLUMNS_OF, SensorTable, by_kind, join_tables
@@ -50,6 +50,8 @@ _SAME_TIMES: Final = 0.9  # of rows: more than sensors that share a table, each 
 _TURNS: Final = 0.2  # of all rows, after which those of another device come: labels of what was done change less often
 _PEEK_BYTES: Final = 32_768  # of a table that may hold both inertial sensors
 _COLUMNS: Final = re.compile(rb'\s*\{\s*"[^"]*"\s*:\s*(?:\[\s*[-\d]|\{)')  # of JSON, known as a whole only
+_RATE: Final = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[ _-]?hz(?![a-z])|(?:rate|frequency)\W{1,3}(\d+(?:\.\d+)?)", re.I)
+_RATE_ALONE: Final = re.compile(r"\s*([1-9]\d+(?:\.\d+)?)\s*$")  # a number that no row has beside it
 _UNKNOWN: Final = ColumnMap()  # whose separator, decimals and header are found
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
 
@@ -72,11 +74,13 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             raise RecordingError(f"{path}: a column map is for one table; name one of the files in it")
         return _read_tables(path, container, tally, strict=strict)
     content = container.read(path.name)
-    if columns is not None:
-        known = read_column_map(columns)
+    known = _UNKNOWN if columns is None else read_column_map(columns)
+    if known != _UNKNOWN and not known.is_rate:
         return read_mapped(path, _table(content, path, known), known, tally=tally, strict=strict)
-    table, sensor = _headed_table(content, path)
-    found, assumed = guess(table, sensor)
+    table, sensor = _headed_table(content, path, known)
+    found, assumed = guess(table, sensor, rate_hz=known.rate_hz)
+    if found is not None:
+        found = msgspec.structs.replace(found, **msgspec.to_builtins(known))  # the rate, and how the file is laid out
     parts = by_kind(table) if found is None else _side_by_side(table)
     if parts:
         return join_tables(path, parts, tally, strict=strict)
@@ -85,31 +89,45 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             f"{path}: line 1: no time and sensor recognised among the columns {', '.join(table.columns)[:300]}; "
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
-    _check_time(path, table, found, assumed)
+    _check_time(path, table, found, assumed, _stated_rate(path, content, table))
     _check_devices(path, table, found, assumed)
     note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
 
 
-def _headed_table(content: bytes, path: Path) -> tuple[DelimitedTable, str]:
+def _headed_table(content: bytes, path: Path, known: ColumnMap) -> tuple[DelimitedTable, str]:
     """A table, and the sensor that its name says where it has no header."""
     try:
-        return _table(content, path), ""
+        return _table(content, path, known), ""
     except NoHeaderError as error:
         table, sensor = _table(content, path, ColumnMap(header_line=0)), sensor_in(path.stem)
         if sensor in SAMPLED:
             return named_by_place(table, sensor), sensor
         if by_kind(table):
             return table, ""
-        found = guess_by_place(table)
+        found = guess_by_place(table, known.rate_hz)
         if found is None:
             raise
-        raise NoHeaderError(f"{error}; this may be its map, to be checked:\n{_indented(found)}") from error
+        rate = "" if known.rate_hz else _stated_rate(path, content, table)
+        raise NoHeaderError(f"{error}; this may be its map, to be checked:\n{_indented(found, rate)}") from error
 
 
-def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Sequence[str]) -> None:
+def _stated_rate(path: Path, content: bytes, table: DelimitedTable) -> str:
+    """Rows a second as a line above the rows, the file or its folder states them, and which; or a guess."""
+    num = max(table.first_line - 1, 1)  # a number alone is no row, even where rows begin at once
+    lines = text_of(content, path).content.decode().split("\n", num)[:num]
+    places = {f"line {number}": line for number, line in enumerate(lines, 1)}
+    for where, text in (places | {"the file's name": path.stem, "the folder's name": path.parent.name}).items():
+        if match := _RATE.search(text) or (_RATE_ALONE.match(text) if where in places else None):
+            return f"{float(next(filter(None, match.groups())))}  # as {where} says"
+    return "100.0  # a guess, which nothing here states: write the rows a second of the device"
+
+
+def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Sequence[str], rate: str) -> None:
     """Refuses a table without a time, and one whose header states a unit of time that its steps contradict."""
+    if found.rate_hz is not None:
+        return
     few = _few_times(table, found)
     if few:
         rated = msgspec.structs.replace(found, time="", time_unit="s", rate_hz=few[1]) if few[1] else None
@@ -123,8 +141,8 @@ def _check_time(path: Path, table: DelimitedTable, found: ColumnMap, assumed: Se
         several = f", and several that may be {' and '.join(choice)}: two devices?" if choice else ""
         raise RecordingError(
             f"{path}: line {table.first_line - 1}: no column of the time among "
-            f"{', '.join(table.columns)[:300]}{several}; state the rate, and the columns of one device, in a column "
-            f"map:\n{_indented(msgspec.structs.replace(found, rate_hz=100.0))}"
+            f"{', '.join(table.columns)[:300]}{several}; state the rate by --rate, or with the columns of one "
+            f"device in a column map:\n{_indented(found, rate)}"
         )
     unit = doubted_unit(table, found)
     if unit:
@@ -177,7 +195,7 @@ def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap, assumed:
             f"{', '.join(table.columns)[:300]}: two devices; name those of one of them in a column map, as the first:\n"
             f"{_indented(found)}"
         )
-    t_s, _ = clock(table, found.time, found.time_unit)
+    t_s, _ = times_of(table, found)
     for name, values in table.columns.items():
         if values.dtype.kind == "f" or name == found.time or len(set(values[:_MAX_SEEN].tolist())) > _MAX_DEVICES:
             continue
@@ -194,8 +212,10 @@ def _check_devices(path: Path, table: DelimitedTable, found: ColumnMap, assumed:
             )
 
 
-def _indented(columns: ColumnMap) -> str:
-    return "".join(f"    {line}\n" for line in columns.toml().splitlines())
+def _indented(columns: ColumnMap, rate: str = "") -> str:
+    header, *lines = columns.toml().splitlines()
+    rated = [f"rate_hz = {rate}"] if rate and not columns.time else []
+    return "".join(f"    {line}\n" for line in (header, *rated, *lines))
 
 
 def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool) -> Log:

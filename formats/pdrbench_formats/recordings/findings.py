@@ -12,10 +12,12 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.checks import GRAVITY_MPS2, swings
+from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.sensors import SENSORS, checks
 from pdrbench.sensors.checks import MAX_ROWS, MIN_ROWS, SAMPLED, Finding, Rows, extremes, found, lengths
 from pdrbench_formats.recordings.attitude import attitude
-from pdrbench_formats.recordings.axes import turning
+from pdrbench_formats.recordings.axes import moves_as_shoe, turning
 
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
 _UNITS: Final = {  # what one of them is in microtesla or hectopascal
@@ -35,6 +37,8 @@ def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
         rows: (T, C) by sensor name, columns and units as in `pdrbench.sensors`, times non-decreasing.
         found: What a reader has found, which is among what is returned.
     """
+    if moves_as_shoe(rows):  # a shoe has units at every angle: z down says nothing of a sign
+        found = [one for one in found if one.code != "accel-sign" or one.severity == "error"]
     every = [*found, *(finding for check in _CHECKS for finding in check(rows))]
     kept = [finding for place, finding in enumerate(every) if not _follows(finding, every[:place], every)]
     order = ("error", "warning", "note")
@@ -76,6 +80,10 @@ def _turning(rows: Rows) -> Iterator[Finding]:
     usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
     rest_mps2 = checks.gravity_mps2(accel)
     if rest_mps2 is not None and 1e-4 < usual_s < 1.0:  # in their units
+        if moves_as_shoe(rows):
+            pairs = SamplePairs().update(accel * [1.0, *3 * [GRAVITY_MPS2 / rest_mps2]], gyro)
+            yield from swings(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:])
+            return
         others = {name: table for name, table in rows.items() if name != "mag" or not checks.is_constant(table)}
         yield from turning({**others, "gyro": gyro, "accel": accel}, rest_mps2)
 

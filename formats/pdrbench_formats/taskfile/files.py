@@ -23,8 +23,8 @@ from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.detect import detect, read, read_plan
 from pdrbench_formats.maps.plan import Plan
+from pdrbench_formats.recordings.axes import moves_as_shoe
 from pdrbench_formats.taskfile.index import Index
-from pdrbench_formats.taskfile.motion import moves_as_shoe
 from pdrbench_formats.taskfile.places import check_not_exchanged, read_places
 from pdrbench_formats.taskfile.schema import TaskFile, WalkTable
 
@@ -155,14 +155,15 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
     def find() -> FileFacts:
         found = read_walk(path, content, table)
         reference, geo, left_out = places_of(path, table, found)
-        findings = [str(one) for one in getattr(found, "findings", ()) if one.severity != "note"]
+        unsaid = ["accel-sign"] if "foot" in (table.mounting, found.mounting) else []  # at any angle on a shoe
+        told = [one for one in getattr(found, "findings", ()) if one.severity != "note" and one.code not in unsaid]
         return FileFacts(
             geo=geo,
             first_s=float(reference.t_s[0]) if len(reference) else None,
             level=int(reference.level[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),
             end_s=last_row_s(found),
-            findings=tuple(findings + [left_out] * bool(left_out)),
+            findings=(*map(str, told), *[left_out] * bool(left_out)),
             mounting=found.mounting,
             is_shoe=not found.mounting and moves_as_shoe(rows_of(found)),
         )

@@ -82,5 +82,7 @@ def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], path: Path) 
     try:
         network.load_state_dict(tensors)
     except RuntimeError as error:
+        if "state_dict" not in str(error):
+            raise  # PyTorch itself fails, as where a confined process cannot start it
         what = str(error).splitlines()[-1].strip()
         raise DatasetError(f"{path}: these weights are of another network ({what}); train with `{TRAIN}`") from error

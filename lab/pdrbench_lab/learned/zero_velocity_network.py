@@ -68,12 +68,15 @@ def restore(path: Path, sha256: str | None = None) -> ZeroVelocityNetwork:
         came = hashlib.sha256(content).hexdigest()
         if sha256 is not None and came != sha256:
             raise DatasetError(f"{path}: sha256 is {came[:12]}..., expected {sha256[:12]}...; install pdrbench again")
-        tensors = {name: values.float() for name, values in load(content).items()}
-        with torch.random.fork_rng(devices=[]):
-            network = ZeroVelocityNetwork()
-        network.load_state_dict(tensors)
+        stored = load(content)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
-    except (SafetensorError, RuntimeError) as error:
+    except SafetensorError as error:
         raise DatasetError(f"{path}: not the weights of a zero-velocity network ({error})") from error
+    with torch.random.fork_rng(devices=[]):
+        network = ZeroVelocityNetwork()
+    own = network.state_dict()
+    if {name: values.shape for name, values in own.items()} != {name: values.shape for name, values in stored.items()}:
+        raise DatasetError(f"{path}: not the weights of a zero-velocity network (other names or shapes)")
+    network.load_state_dict({name: values.float() for name, values in stored.items()})
     return network.eval()

@@ -56,9 +56,7 @@ class Ruleset:
         bits = max(count for since, count in FILE_RIGHTS.items() if since <= self.abi)
         self._all = (1 << bits) - 1
         attributes = _RulesetAttributes(
-            self._all,
-            NETWORK_RIGHTS if self.abi >= NETWORK_SINCE else 0,
-            SCOPES if self.abi >= SCOPED_SINCE else 0,
+            self._all, NETWORK_RIGHTS if self.abi >= NETWORK_SINCE else 0, SCOPES if self.abi >= SCOPED_SINCE else 0
         )
         size = 8 if self.abi < NETWORK_SINCE else 16 if self.abi < SCOPED_SINCE else 24
         self.descriptor = _call(SYS_CREATE_RULESET, ctypes.byref(attributes), size, 0)

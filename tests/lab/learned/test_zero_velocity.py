@@ -19,8 +19,9 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_lab.foot_ins.experiments import FootWalk  # noqa: E402
+from pdrbench_lab.learned.weights import load_network  # noqa: E402
 from pdrbench_lab.learned.zero_velocity import FootInsLstm, LstmFootFilter, LstmRestDetector  # noqa: E402
-from pdrbench_lab.learned.zero_velocity_network import ZeroVelocityNetwork, restore, store  # noqa: E402
+from pdrbench_lab.learned.zero_velocity_network import ZeroVelocityNetwork, packaged, restore, store  # noqa: E402
 from pdrbench_lab.learned.zero_velocity_train import truth  # noqa: E402
 
 
@@ -101,6 +102,16 @@ def test_weights_are_known_by_their_hash(tmp_path: Path) -> None:
     path.write_bytes(b"nothing")
     with pytest.raises(DatasetError, match="not the weights"):
         restore(path)
+
+
+def test_where_pytorch_fails_the_weights_are_not_blamed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RuntimeError("Failed to initialize cpuinfo")
+
+    monkeypatch.setattr("torch.nn.Module.load_state_dict", fails)
+    for load in (lambda: packaged("foot_ins_lstm"), load_network):
+        with pytest.raises(RuntimeError, match="cpuinfo"):
+            load()
 
 
 def test_a_foot_rests_where_motion_capture_sees_no_speed() -> None:

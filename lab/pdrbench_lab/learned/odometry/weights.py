@@ -92,6 +92,8 @@ def load_into(network: nn.Module, tensors: dict[str, Tensor], path: Path) -> Non
     try:
         network.load_state_dict(counts | tensors)
     except RuntimeError as error:
+        if "state_dict" not in str(error):
+            raise  # PyTorch itself fails, as where a confined process cannot start it
         what = str(error).splitlines()[-1].strip()
         raise DatasetError(f"{path}: these weights are of another network ({what}); train with `{TRAIN}`") from error
 
