@@ -70,10 +70,7 @@ def only(task: Task, recording: Recording) -> Task:
     made = {kind: functools.cache(functools.partial(getattr(task, kind), recording)) for kind in SURVEYS}
     surveys: dict[str, Any] = {kind: lambda _, survey=survey: survey() for kind, survey in made.items()}
     return dataclasses.replace(
-        task,
-        walks={task.split_of(recording.id): (recording.id,)},
-        load=lambda walk: recording,
-        **surveys,
+        task, walks={task.split_of(recording.id): (recording.id,)}, load=lambda walk: recording, **surveys
     )
 
 

@@ -73,7 +73,7 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
     Raises:
         RecordingError: Shapes disagree, time goes back, too few samples, or other units than m/s2 and rad/s.
     """
-    t_s, accel, gyro = (np.asarray(values, dtype=np.float64) for values in (t_s, accel, gyro))
+    t_s, accel, gyro = (np.require(values, np.float64, ["C", "W"]) for values in (t_s, accel, gyro))  # compiled once
     if t_s.ndim != 1 or accel.shape != (len(t_s), 3) or gyro.shape != (len(t_s), 3):
         raise RecordingError(
             "a foot recording needs t_s (n,), accel (n, 3) and gyro (n, 3); "
@@ -83,7 +83,8 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
         is_finite = np.isfinite(t_s + (accel + gyro) @ np.ones(3))
     dropped = {"not finite": int((~is_finite).sum())}
     kept = np.flatnonzero(is_finite)
-    t_s, accel, gyro = t_s[kept], accel[kept], gyro[kept]
+    if len(kept) < len(t_s):
+        t_s, accel, gyro = t_s[kept], accel[kept], gyro[kept]
     steps_s = np.diff(t_s, prepend=-np.inf)
     back = np.flatnonzero(steps_s < 0)
     if len(back):
@@ -94,10 +95,11 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
         )
     is_new = steps_s > 0
     dropped["repeats the time before"] = int((~is_new).sum())
-    is_again = is_repeat(np.column_stack([t_s, accel, gyro]), np.zeros((0, 7)))
+    is_again = is_repeat(t_s, accel, gyro)
     dropped["repeats the sample before"] = int(is_again.sum())
     is_new &= ~is_again
-    t_s, accel, gyro, kept = t_s[is_new], accel[is_new], gyro[is_new], kept[is_new]
+    if not is_new.all():
+        t_s, accel, gyro, kept = t_s[is_new], accel[is_new], gyro[is_new], kept[is_new]
     if len(t_s) < MIN_SAMPLES:
         raise RecordingError(f"only {len(t_s)} usable samples, at least {MIN_SAMPLES} are needed; check the export")
     if dropped["not finite"] > MAX_DROPPED * len(is_finite):

@@ -90,7 +90,7 @@ def navigate_smoothed(
 
 def _evened(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FloatArray:
     """The times as the filter will have them; rows that stand twice keep one, and do not make the clock uneven."""
-    t_s, accel, gyro = (np.array(values, dtype=np.float64) for values in (t_s, accel, gyro))
+    t_s, accel, gyro = (np.asarray(values, dtype=np.float64) for values in (t_s, accel, gyro))
     if t_s.ndim != 1 or not t_s.shape == accel.shape[:1] == gyro.shape[:1] or not (np.diff(t_s) >= 0).all():
         return t_s  # what cannot be meant is refused later
     is_new = np.ones(len(t_s), dtype=np.bool_)

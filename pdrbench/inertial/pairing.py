@@ -11,17 +11,16 @@ from pdrbench.geometry import BoolArray, FloatArray
 MOVES_RADPS: Final = 0.5  # a foot or a hand that turns faster never shows six equal numbers twice
 
 
-def is_repeat(rows: FloatArray, before: FloatArray) -> BoolArray:
-    """(n,) whether a row (n, 7) of time and sample stands twice, or a new time has the sample before once more.
+def is_repeat(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> BoolArray:
+    """(n,) whether a row (n,), (n, 3), (n, 3) stands twice, or a new time has the sample before once more.
 
     Some units send the last sample in place of one that was lost; at rest two may be equal.
     """
-    both, is_again = np.concatenate([before, rows]), np.zeros(len(rows), dtype=np.bool_)
-    at = np.flatnonzero(both[1:, 4] == both[:-1, 4]) + 1
+    is_again = np.zeros(len(t_s), dtype=np.bool_)
+    at = np.flatnonzero(gyro[1:, 0] == gyro[:-1, 0]) + 1
     if len(at):
-        at = at[(both[at, 1:] == both[at - 1, 1:]).all(axis=1)]
-        at = at[(both[at, 0] == both[at - 1, 0]) | (np.linalg.norm(both[at, 4:], axis=1) > MOVES_RADPS)]
-        is_again[at - len(before)] = True
+        at = at[((gyro[at] == gyro[at - 1]) & (accel[at] == accel[at - 1])).all(axis=1)]
+        is_again[at[(t_s[at] == t_s[at - 1]) | (np.linalg.norm(gyro[at], axis=1) > MOVES_RADPS)]] = True
     return is_again
 
 
@@ -46,7 +45,8 @@ class SamplePairs:
         pairs = self._pairs(accel, gyro)
         if not len(pairs):
             return pairs
-        is_again = is_repeat(pairs, self._last)
+        both = np.concatenate([self._last, pairs])
+        is_again = is_repeat(both[:, 0], both[:, 1:4], both[:, 4:])[len(self._last) :]
         self._last = pairs[-1:]
         return pairs[~is_again] if is_again.any() else pairs
 

@@ -313,7 +313,7 @@ def rate_of(t_s: FloatArray) -> float:
 
 def _from_zero(rows: Rows) -> dict[str, FloatArray]:
     begin_s = min((float(table[0, 0]) for table in rows.values() if len(table)), default=0.0)
-    return {name: table - ([begin_s] + [0.0] * (table.shape[1] - 1)) for name, table in rows.items()}
+    return {name: np.column_stack([table[:, 0] - begin_s, table[:, 1:]]) for name, table in rows.items()}
 
 
 def _check_rows(name: str, table: FloatArray, whose: str, after_s: float = -math.inf) -> None:
