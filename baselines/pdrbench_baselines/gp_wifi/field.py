@@ -29,7 +29,6 @@ from pdrbench_baselines.gp_wifi.kernels import equations
 from pdrbench_baselines.gp_wifi.sightings import Sightings, sightings_of
 
 NEAREST_M2: Final = 4.0  # added to squared distances: phones and access points are at different heights
-MIN_INFORMATION: Final = 1.5e-3  # per dB^2, of a miss; what says less is left out: chosen on val walks of two sets
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +52,7 @@ class SignalFieldParams:
         reported: q.
         half_dbm: c.
         half_sigma_db: s.
+        min_information_per_db2: Of a miss; what says less is left out.
         min_cells: Where an access point was received in fewer cells of a level it has no field there.
         weakest_dbm: Weaker means are left out.
     """
@@ -76,6 +76,7 @@ class SignalFieldParams:
     reported: float = 0.95
     half_dbm: float = -70.0
     half_sigma_db: float = 11.0
+    min_information_per_db2: float = 1e-3
     min_cells: int = 2
     weakest_dbm: float = -91.0
 
@@ -298,7 +299,7 @@ class _Level:
         missed = 1.0 - p.reported * ndtr(z)
         first = -density / missed
         second = density * z / (scale * missed) - first**2
-        self._is_miss = (self._received == 0) & (self._scans > 0) & (second < -MIN_INFORMATION)
+        self._is_miss = (self._received == 0) & (self._scans > 0) & (second < -p.min_information_per_db2)
         bent = np.where(self._is_miss, second, -1.0)
         self._site_dbm = self._mean_dbm - first / bent
         self._site_db2 = np.maximum(-1.0 / bent - sigma_db**2, 1.0) / np.maximum(self._scans, 1.0)

@@ -107,7 +107,8 @@ class GpWifiParams:
         return self.field.reported * 0.5 * math.erfc(-z / math.sqrt(2.0)) / unexpected
 
 
-GP_WIFI: Final = GpWifiParams()
+# Chosen on val walks of MallPhoneLost-v2 and CampusPhoneLost-v1; particles of `fusion` from a known start lost by it.
+GP_WIFI: Final = GpWifiParams(field=SignalFieldParams(min_information_per_db2=1.5e-3))
 
 
 class GpWifi:
