@@ -8,12 +8,13 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
+from starting import Start, starting
 
 from pdrbench.episode import Episode, play
 from pdrbench.errors import UnsuitableError
@@ -21,7 +22,7 @@ from pdrbench.evaluation import evaluate
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.process import Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.process.child_process import Limits, discard
-from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
+from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised
 from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer, make_task
 from pdrbench.task import Task
@@ -104,9 +105,6 @@ ODD = """
         def step(self, observation):
             return Estimate(np.array([float(len(self.MADE)), float(self.cold)]), 0)
 """
-LIMITS = Limits()
-BUDGET = Budget(pace=5.0, slack_s=10.0, start_s=60.0)
-Start = Callable[..., LocalizerProcess]
 
 
 @pytest.fixture(scope="module")
@@ -124,19 +122,8 @@ def odd(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def start(odd: Path) -> Iterator[Start]:
-    """Starts a class of the file; its process is ended with the test."""
-    started = []
-
-    def begin(name: str, budget: Budget = BUDGET, limits: Limits = LIMITS, **parameters: object) -> LocalizerProcess:
-        terms = Terms("process", budget, 0.2, 1000, limits)
-        localizer = LocalizerProcess(f"{odd}:{name}", f"{odd}:{name}", parameters=parameters, terms=terms)
-        started.append(localizer)
-        localizer.start()
-        return localizer
-
-    yield begin
-    for localizer in started:
-        localizer.close()
+    with starting(odd, "process") as start:
+        yield start
 
 
 def brief(localizer: LocalizerProcess, walk: tuple[Task, Recording]) -> Briefing:

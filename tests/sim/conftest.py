@@ -10,9 +10,9 @@ import pytest
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.people.person import Person, draw_person
-from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
+from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.walk import SimulatedWalk
-from pdrbench_sim.people.walker import draw_place, walk_through
+from pdrbench_sim.people.walker import WalkParams, draw_place, walk_through
 
 
 def make_room(name: str, outline, *, neighbour=None, holes=(), **facts) -> FloorPolygon:
@@ -29,6 +29,16 @@ def make_room(name: str, outline, *, neighbour=None, holes=(), **facts) -> Floor
         holes=tuple(np.array(hole, dtype=float) for hole in holes),
         **facts,
     )
+
+
+def straight_walk(length_m: float) -> SimulatedWalk:
+    """So far along a corridor at an even speed."""
+    outline = [(0, 0), (length_m + 4, 0), (length_m + 4, 4), (0, 4)]
+    person = Person(height_m=1.7, cadence_hz=1.9, step_length_m=0.65, step_slope_m_per_hz=0.3, asymmetry=0.0)
+    even = WalkParams(speed_sigma=0.0, pause_every_s=1e9, sway_sigma_m=0.0)
+    places = [Place(0, np.array([2.0, 2.0])), Place(0, np.array([length_m + 2.0, 2.0]))]
+    mesh = navigation_mesh(Building("corridor", (make_room("corridor", outline),)))
+    return walk_through(np.random.default_rng(0), mesh, person, places, even)
 
 
 @pytest.fixture(scope="session")

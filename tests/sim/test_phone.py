@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.building import Building
 from pdrbench.errors import UnknownNameError
-from pdrbench_sim.people.person import Person
-from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import stances
 from pdrbench_sim.people.walk import SimulatedWalk, body_path
-from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.phone.carry import PLACES, CarryParams
 from pdrbench_sim.phone.gait import COARSE_HZ, Gait, GaitMotionParams, trunk_of
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.units.motion import MotionError, RigidMotion
+
+from .conftest import straight_walk
 
 EVEN = GaitMotionParams(
     rise_log_sigma=0.0,
@@ -35,13 +33,8 @@ CALM = CarryParams(
 
 
 @pytest.fixture(scope="module")
-def straight(room) -> SimulatedWalk:
-    """Eighty metres along a corridor at an even speed."""
-    building = Building("corridor", (room("corridor", [(0, 0), (84, 0), (84, 4), (0, 4)]),))
-    person = Person(height_m=1.7, cadence_hz=1.9, step_length_m=0.65, step_slope_m_per_hz=0.3, asymmetry=0.0)
-    even = WalkParams(speed_sigma=0.0, pause_every_s=1e9, sway_sigma_m=0.0)
-    places = [Place(0, np.array([2.0, 2.0])), Place(0, np.array([82.0, 2.0]))]
-    return walk_through(np.random.default_rng(0), navigation_mesh(building), person, places, even)
+def straight() -> SimulatedWalk:
+    return straight_walk(80.0)
 
 
 def feet_of(walk: SimulatedWalk):

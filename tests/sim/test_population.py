@@ -7,12 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.building import Building
-from pdrbench_sim.people.person import Person
-from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import stances
 from pdrbench_sim.people.walk import SimulatedWalk
-from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.phone.carry import PLACES, CarryParams
 from pdrbench_sim.phone.containers import CartParams, pendulum_rad, second_difference, stretched_m, wheel_vibration_m
 from pdrbench_sim.phone.gait import GaitMotionParams
@@ -22,17 +18,14 @@ from pdrbench_sim.record import ON_FOOT, Setup, SimulationError
 from pdrbench_sim.units.motion import GRAVITY_MPS2, RigidMotion
 from pdrbench_sim.units.phone_profiles import PhoneLaw, draw_phone_profile
 
+from .conftest import straight_walk
+
 HZ = 200.0
 
 
 @pytest.fixture(scope="module")
-def straight(room) -> SimulatedWalk:
-    """Forty metres along a corridor at an even speed."""
-    building = Building("corridor", (room("corridor", [(0, 0), (44, 0), (44, 4), (0, 4)]),))
-    person = Person(height_m=1.7, cadence_hz=1.9, step_length_m=0.65, step_slope_m_per_hz=0.3, asymmetry=0.0)
-    even = WalkParams(speed_sigma=0.0, pause_every_s=1e9, sway_sigma_m=0.0)
-    places = [Place(0, np.array([2.0, 2.0])), Place(0, np.array([42.0, 2.0]))]
-    return walk_through(np.random.default_rng(0), navigation_mesh(building), person, places, even)
+def straight() -> SimulatedWalk:
+    return straight_walk(40.0)
 
 
 def carried(walk: SimulatedWalk, place: str, params: CarryParams, trunk: GaitMotionParams | None = None) -> RigidMotion:

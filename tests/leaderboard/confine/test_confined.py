@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from starting import Start, starting
 
 from pdrbench.evaluation import evaluate
 from pdrbench.localizer import Briefing, Observation
-from pdrbench.process import Budget, LocalizerExit
+from pdrbench.process import LocalizerExit
 from pdrbench.process.child_process import LaunchError, Limits
-from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
+from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised
 from pdrbench_leaderboard.confine.confine import FileLimits
 from pdrbench_leaderboard.confine.launcher_client import Launcher, discard, warm_launcher
 
@@ -52,7 +53,6 @@ STRANGER = """
             open("trace", "w").write("x")
             raise LookupError("that is all")
 """
-Start = Callable[[str], LocalizerProcess]
 
 
 @pytest.fixture(scope="module")
@@ -64,19 +64,8 @@ def stranger(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def start(stranger: Path) -> Iterator[Start]:
-    """Starts a class of the file; its process is ended with the test."""
-    started = []
-
-    def begin(name: str) -> LocalizerProcess:
-        terms = Terms("confined", Budget(pace=5.0, slack_s=10.0, start_s=60.0), 0.2, 1000)
-        localizer = LocalizerProcess(f"{stranger}:{name}", f"{stranger}:{name}", parameters={}, terms=terms)
-        started.append(localizer)
-        localizer.start()
-        return localizer
-
-    yield begin
-    for localizer in started:
-        localizer.close()
+    with starting(stranger, "confined") as start:
+        yield start
 
 
 def brief(localizer: LocalizerProcess) -> None:

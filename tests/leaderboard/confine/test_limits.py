@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from starting import Start, starting
 
 from pdrbench.localizer import Briefing, Observation
-from pdrbench.process import Budget, LocalizerExit
+from pdrbench.process import LocalizerExit
 from pdrbench.process.child_process import Limits
-from pdrbench.process.localizer_process import LocalizerProcess, LocalizerRaised, Terms
+from pdrbench.process.localizer_process import LocalizerRaised
 
 GREEDY = """
     import mmap
@@ -40,7 +41,6 @@ GREEDY = """
             return Estimate(np.zeros(2), 0)
 
 """
-BUDGET = Budget(pace=5.0, slack_s=20.0, start_s=60.0)
 
 
 @pytest.fixture(scope="module")
@@ -50,26 +50,10 @@ def greedy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-Begin = Callable[..., LocalizerProcess]
-
-
 @pytest.fixture
-def begin(greedy: Path) -> Iterator[Begin]:
-    """Starts a class of the file on a walk; its process is ended with the test."""
-    started = []
-
-    def start(name: str, limits: Limits) -> LocalizerProcess:
-        terms = Terms("confined", BUDGET, 0.2, 1000, limits)
-        spec = f"{greedy}:{name}"
-        localizer = LocalizerProcess(spec, spec, parameters={}, terms=terms)
-        started.append(localizer)
-        localizer.start()
-        localizer.reset(Briefing(None, {}, 0.2), np.random.default_rng(1))
-        return localizer
-
-    yield start
-    for localizer in started:
-        localizer.close()
+def start(greedy: Path) -> Iterator[Start]:
+    with starting(greedy, "confined", slack_s=20.0) as start:
+        yield start
 
 
 @pytest.mark.confinement
@@ -77,8 +61,9 @@ def begin(greedy: Path) -> Iterator[Begin]:
     ("name", "why"),
     [("Shares", "not permitted"), ("Reads", "Cannot allocate"), ("Fills", "MemoryError|memory: |SIGKILL")],
 )
-def test_memory_is_limited_and_none_is_shared(begin: Begin, name: str, why: str) -> None:
-    bomb = begin(name, Limits(memory_mb=500))
+def test_memory_is_limited_and_none_is_shared(start: Start, name: str, why: str) -> None:
+    bomb = start(name, limits=Limits(memory_mb=500))
+    bomb.reset(Briefing(None, {}, 0.2), np.random.default_rng(1))
     with pytest.raises((LocalizerExit, LocalizerRaised), match=why):
         bomb.step(Observation(0.0, {}))
     peak_mb = bomb.close()["peak_mb"]
