@@ -11,7 +11,7 @@ from pdrbench.building import Building
 from pdrbench.filters import systematic
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.fusion.compass import CompassMean
-from pdrbench_baselines.fusion.free import States
+from pdrbench_baselines.fusion.lost import States
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.map_filter import SHRINK, TRIES, LearnedMapFilter, LearnedMapFilterParams

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 
 from pdrbench.filters import multinomial
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench_baselines.fusion.compass import CompassMean
+from pdrbench_baselines.fusion.lost import States
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 
@@ -35,16 +36,6 @@ class FreeParams:
     num_particles: int = 1000
     lead: float = 15.0
     fraction: float = 0.5
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class States:
-    """Of particles (N,): places (N, 2), factors on lengths, errors of headings, and which offset of the device."""
-
-    xy_m: FloatArray
-    scale: FloatArray
-    bias_rad: FloatArray
-    offset: IntArray
 
 
 class FreeCloud:

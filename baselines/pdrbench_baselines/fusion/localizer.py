@@ -24,6 +24,7 @@ from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.free import FreeCloud
+from pdrbench_baselines.fusion.lost import ScanBelief
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import MARGIN_M, open_space
 from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
@@ -73,6 +74,7 @@ class Fusion(NetworkLocalizer):
         self._own = params
         self._radio: RadioEvidence | None = None
         self._free: FreeCloud | None = None
+        self._lost: ScanBelief | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         own, start = self._own, briefing.start
@@ -83,7 +85,7 @@ class Fusion(NetworkLocalizer):
         factor = own.interpolated_length_factor if is_known_phone and _is_interpolated(briefing.radio_map) else 1.0
         self._begin(briefing, factor, own.companions if is_known_phone else ())
         self._building, self._rng = briefing.building or open_space(briefing.radio_map, start), rng
-        self._compass, self._map_params, self._free = None, own.map, None
+        self._compass, self._map_params, self._free, self._lost = None, own.map, None, None
         if self._reckoner.has_compass:
             compass = own.open_compass if briefing.building is None else own.compass
             self._compass = CompassMean(compass)
@@ -241,6 +243,7 @@ class Fusion(NetworkLocalizer):
         radio, compass, own = self._radio, self._compass, self._own
         if compass is None or radio is None or radio.building is None or radio.radio_map.surveyed:
             return None
+        self._lost = ScanBelief(own.lost, radio, start)
         sigma_m = max(self._map_params.start_sigma_m, start.radius_m / 2)
         (rng,) = self._rng.spawn(1)
         return FreeCloud(own.free, self._map_params, np.array(start.xy_m), sigma_m, compass, radio, rng)
@@ -324,6 +327,9 @@ class Fusion(NetworkLocalizer):
             if self._free is not None and each is self._hypotheses[0]:
                 self._free.weigh_by(log_likelihood, each.cloud.level, gain)
                 self._find(each.cloud, self._free)
+            if self._lost is not None and each is self._hypotheses[0]:
+                self._lost.weigh_by(log_likelihood, now_s, each.cloud.level, gain)
+                self._recover(each.cloud, self._lost)
             each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
@@ -335,6 +341,14 @@ class Fusion(NetworkLocalizer):
         if free.lead > p.lead:
             cloud.take(free.draw(round(p.fraction * cloud.num_particles)))
             free.lead = 0.0
+
+    def _recover(self, cloud: Cloud, lost: ScanBelief) -> None:
+        """Puts part of a cloud that is lost where scans have it, in any direction."""
+        p = lost.params
+        if lost.lead > p.lead:
+            (rng,) = self._rng.spawn(1)
+            cloud.take(lost.draw(round(p.fraction * cloud.num_particles), self._map_params.scale_sigma, rng))
+            lost.lead, self._doubt = 0.0, 0.0
 
     def _focus(self) -> None:
         """Reports to the radio evidence on which levels, and with which offsets, particles still are, or may get to."""

@@ -8,6 +8,7 @@ from typing import Final
 
 from pdrbench_baselines.fusion.compass import CompassParams
 from pdrbench_baselines.fusion.free import FreeParams
+from pdrbench_baselines.fusion.lost import LostParams
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
@@ -98,6 +99,7 @@ class FusionParams:
         num_open: Particles in open space beside a cloud on a plan, where the start is known, in case the plan is wrong.
         doubt: The plan is taken for wrong once the logarithms of the fractions of particles that walls let through
             come to less than minus this, those of before counting 0.9 of themselves a second.
+        lost: Of the belief by scans alone that shows that a cloud is lost, in the same case.
         free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
             survey were interpolated.
     """
@@ -120,6 +122,7 @@ class FusionParams:
     open_compass: CompassParams = field(default_factory=lambda: CompassParams(sigma_rad=math.radians(15.0)))
     num_open: int = 1000
     doubt: float = 15.0
+    lost: LostParams = field(default_factory=LostParams)
     free: FreeParams = field(default_factory=FreeParams)
 
 

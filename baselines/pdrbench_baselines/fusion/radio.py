@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
@@ -46,6 +46,7 @@ class RadioEvidence:
 
     Attributes:
         params: Of the radio map.
+        places: The radio map.
         xy_m: (N, 2) the lattice.
         level: (N,) int.
         offset_db: (K,) what a device may add to every reading.
@@ -63,13 +64,15 @@ class RadioEvidence:
         off_legs: float = ELSEWHERE,
     ) -> None:
         self.radio_map, self.building, self.params, self._error_m = radio_map, building, params, error_m
-        self._map = SignalMap(radio_map, building, params.field)
-        self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
+        self.places = SignalMap(radio_map, building, params.field)
+        self.xy_m, self.level, self.lattice_m = self.places.xy_m, self.places.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
         self._reached: dict[int, FloatArray] = {}
         self._square: dict[int, tuple[IntArray, BoolArray, FloatArray]] = {}
-        for level, low, high in zip(self._map.levels.tolist(), self._map.first[:-1], self._map.first[1:], strict=True):
-            row = self._map.row[low:high] + 1  # an empty square all around
+        for level, low, high in zip(
+            self.places.levels.tolist(), self.places.first[:-1], self.places.first[1:], strict=True
+        ):
+            row = self.places.row[low:high] + 1  # an empty square all around
             square = np.full(row.max(axis=0) + 2, -1)
             square[tuple(row.T)] = np.arange(low, high)
             away, nearest = distance_transform_edt(square < 0, return_indices=True)
@@ -82,7 +85,7 @@ class RadioEvidence:
 
     def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:
         """Begins another walk; likelihoods, and densities of `fingerprints`, are taken to these powers."""
-        self._numbers = range(len(self._map.levels))  # of the levels on which scans are evaluated
+        self._numbers = range(len(self.places.levels))  # of the levels on which scans are evaluated
         self._offsets = np.arange(len(self.prior))
         self._scanned_s = -math.inf
         self._sweeps, self._trust, self._fingerprint_trust = Sweeps(), trust, fingerprint_trust
@@ -92,12 +95,12 @@ class RadioEvidence:
     def get_ready(self) -> None:
         """For scans on all levels."""
         if self._trust > 0.0:
-            self._map.get_ready()
+            self.places.get_ready()
 
     def focus(self, levels: Collection[int], is_left: BoolArray) -> None:
         """Scans are evaluated on these levels and those between them, on all where none is surveyed, and under the
         offsets (K,) that are left."""
-        on = np.flatnonzero(np.isin(self._map.levels, list(levels)))
+        on = np.flatnonzero(np.isin(self.places.levels, list(levels)))
         if len(on):
             self._numbers = range(int(on[0]), int(on[-1]) + 1)
         self._offsets = np.flatnonzero(is_left)
@@ -106,7 +109,7 @@ class RadioEvidence:
         """Log-likelihoods (N, K), up to a constant, of all scans among the next rows together; very low elsewhere."""
         if not len(rows):
             return
-        places = slice(int(self._map.first[self._numbers[0]]), int(self._map.first[self._numbers[-1] + 1]))
+        places = slice(int(self.places.first[self._numbers[0]]), int(self.places.first[self._numbers[-1] + 1]))
         total = np.zeros((places.stop - places.start, len(self._offsets)))
         for likelihood in self._of_fields(rows):
             total += likelihood
@@ -159,14 +162,14 @@ class RadioEvidence:
         for _, fresh, _ in self._sweeps.update(rows):
             access_points, rssi_dbm = fresh[:, 1].astype(np.int64), fresh[:, 2].tolist()
             offset_db = self.offset_db[self._offsets]
-            likelihood = self.params.log_likelihood(self._map, self._numbers, access_points, rssi_dbm, offset_db)
+            likelihood = self.params.log_likelihood(self.places, self._numbers, access_points, rssi_dbm, offset_db)
             if np.ptp(likelihood) > 0.0:
                 yield self._spread(self._trust * likelihood)
 
     def _spread(self, log_likelihood: FloatArray) -> FloatArray:
         """(n, k) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""
         likelihood = np.exp(log_likelihood - log_likelihood.max())
-        first = self._map.first - self._map.first[self._numbers[0]]
+        first = self.places.first - self.places.first[self._numbers[0]]
         spread = np.concatenate(
             [self._around(number, likelihood[first[number] : first[number + 1]]) for number in self._numbers]
         )
@@ -175,18 +178,10 @@ class RadioEvidence:
 
     def _around(self, number: int, value: FloatArray) -> FloatArray:
         """(n, k) means of values (n, k) of the floor around each place of the level of that number."""
-        x, y = self._map.row[slice(*self._map.first[number : number + 2])].T
-        sigma = self._error_m / self.lattice_m, self._error_m / self.lattice_m, 0.0
-
-        def filtered(what: FloatArray) -> FloatArray:
-            floor = np.zeros((x.max() + 1, y.max() + 1, what.shape[1]))
-            floor[x, y] = what
-            around: FloatArray = gaussian_filter(floor, sigma, mode="constant")[x, y]
-            return around
-
         if number not in self._reached:
-            self._reached[number] = filtered(np.ones((len(x), 1)))
-        return filtered(value) / self._reached[number]
+            ones = np.ones((int(np.diff(self.places.first)[number]), 1))
+            self._reached[number] = self.places.smoothed(number, ones, self._error_m)
+        return self.places.smoothed(number, value, self._error_m) / self._reached[number]
 
 
 def fraction_off_survey(radio_map: RadioMap) -> float:

@@ -20,14 +20,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg.blas import strsm
 from scipy.linalg.lapack import spotrf
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import RadioMap
+from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.kernels import equations
 from pdrbench_baselines.gp_wifi.sightings import Sightings, sightings_of
 
+FAR_M2: Final = 1e12  # to another level
 NEAREST_M2: Final = 4.0  # added to squared distances: phones and access points are at different heights
 
 
@@ -148,6 +151,19 @@ class SignalMap:
                 at, mean_dbm, variance_db2 = level.field(one)
                 parts[one] = Field(at.astype(np.int32), mean_dbm.astype(np.float32), variance_db2.astype(np.float32))
         return [parts[one] if known else None for one, known in zip(column.tolist(), is_known.tolist(), strict=True)]
+
+    def near(self, start: Start, least_m: float) -> FloatArray:
+        """(N,) normal density about a start on its level; where nobody surveyed that, on all levels. Its sum is 1."""
+        away_m2 = ((self.xy_m - start.xy_m) ** 2).sum(axis=1) + np.where(self.level == start.level, 0.0, FAR_M2)
+        density = np.exp(-0.5 * (away_m2 - away_m2.min()) / max(least_m, start.radius_m / 2) ** 2)
+        return np.asarray(density / density.sum())
+
+    def smoothed(self, number: int, value: FloatArray, sigma_m: float, reach: float = 4.0) -> FloatArray:
+        """(n, k) values on the lattice of the level of that number, each spread over the floor around it."""
+        x, y = self.row[self.first[number] : self.first[number + 1]].T
+        floor, sigma = np.zeros((x.max() + 1, y.max() + 1, value.shape[1])), sigma_m / self.params.lattice_m
+        floor[x, y] = value
+        return np.asarray(gaussian_filter(floor, (sigma, sigma, 0.0), mode="constant", truncate=reach)[x, y])
 
     @property
     def nbytes(self) -> int:

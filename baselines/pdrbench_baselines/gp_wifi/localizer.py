@@ -13,7 +13,6 @@ from scipy.ndimage import gaussian_filter
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import middle_of_survey
-from pdrbench.trajectory import Start
 from pdrbench_baselines.gp_wifi.field import SignalFieldParams, SignalMap
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.gp_wifi.kernels import add_readings, log1p_exp_table
@@ -144,7 +143,9 @@ class GpWifi:
         start = briefing.start or middle_of_survey(survey.xy_m, survey.level)
         if briefing.start is None:
             self._map.get_ready()  # now, and not at the first scan: a step is to be quick
-        self._belief = self._anywhere() if briefing.start is None else self._around(briefing.start)
+        self._belief = self._anywhere()
+        if briefing.start is not None:
+            self._belief = np.outer(self._map.near(briefing.start, self._params.start_sigma_m), self._prior)
         self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
 
     def step(self, observation: Observation) -> Estimate:
@@ -172,27 +173,15 @@ class GpWifi:
         belief: FloatArray = np.tile(self._prior, (len(self._map.xy_m), 1)) / len(self._map.xy_m)
         return belief
 
-    def _around(self, start: Start) -> FloatArray:
-        """Normal around a start on its level."""
-        sigma_m = max(self._params.start_sigma_m, start.radius_m / 2)
-        away_m2 = ((self._map.xy_m - start.xy_m) ** 2).sum(axis=1)
-        away_m2 = np.where(self._map.level == start.level, away_m2, np.inf)
-        density = np.exp(-0.5 * (away_m2 - away_m2.min()) / sigma_m**2)
-        return np.outer(density / density.sum(), self._prior)
-
     def _spread(self, since_s: float) -> None:
         """Walks for so long, anywhere; a small part of the belief begins anew."""
         p, places = self._params, self._map
-        sigma = p.speed_mps * since_s / p.field.lattice_m
-        if sigma > places.row.max():  # across the whole survey
+        sigma_m = p.speed_mps * since_s
+        if sigma_m > p.field.lattice_m * places.row.max():  # across the whole survey
             self._belief = self._anywhere()
             return
-        spread = np.empty_like(self._belief)
-        for low, high in zip(places.first[:-1], places.first[1:], strict=True):
-            x, y = places.row[low:high].T
-            floor = np.zeros((x.max() + 1, y.max() + 1, len(self._offset_db)))
-            floor[x, y] = self._belief[low:high]
-            spread[low:high] = gaussian_filter(floor, (sigma, sigma, 0.0), mode="constant", truncate=3.0)[x, y]
+        parts = np.split(self._belief, places.first[1:-1])
+        spread = np.concatenate([places.smoothed(one, part, sigma_m, 3.0) for one, part in enumerate(parts)])
         spread = spread / spread.sum() if spread.sum() > 0 else self._anywhere()
         self._belief = (1.0 - p.lost_fraction) * spread + p.lost_fraction * self._anywhere()
 
