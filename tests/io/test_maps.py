@@ -226,6 +226,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         lambda p: plain([{**one, "properties": {"what": "room", "floor": 0}} for one in house()], p / "a.json"),
         "its properties are floor, level, what",
     ),
+    "lists of rows and of numbers": (lambda p: written(p / "a.json", {"a": [{"b": [{}]}, {"b": [0]}, {}]}), "a.json"),
     "unit": (lambda p: plain(house(), p / "a.geojson", units="yards"), "a.geojson: no unit of length"),
     "cut gzip": (
         lambda p: written_bytes(p / "a.geojson.gz", packed(plain(house(), p / "a.geojson")).read_bytes()[:-200]),
@@ -416,14 +417,14 @@ def drawn(folder: Path, *, light: str = "white", dark: str = "black", extra: str
     """Two rooms with a door between them, a table in one, and an entrance that may stand open."""
     from PIL import Image, ImageDraw
 
-    image = Image.new("RGB", (600, 400), light)
-    draw = ImageDraw.Draw(image)
+    wide, high = (1300, 800) if extra == "sheet" else (600, 400)
+    draw = ImageDraw.Draw(image := Image.new("RGB", (wide, high), light))
     draw.rectangle([50, 50, 530, 340], outline=dark, width=5)
     draw.line([285, 50, 285, 340], fill=dark, width=5)
     draw.rectangle([280, 180, 290, 224], fill=light)
     draw.rectangle([90, 90, 140, 130], outline=dark, width=2)
     draw.text((350, 100), text, fill=dark, font_size=40)
-    draw.rectangle([20, 20, 570, 370], outline=dark, width=3 * (extra == "frame"))
+    draw.rectangle([20, 20, wide - 30, high - 30], outline=dark, width=3 * (extra in ("frame", "sheet")))
     if extra == "gap":
         draw.rectangle([520, 180, 540, 224], fill=light)
     image.save(folder / "plan.png")
@@ -438,6 +439,7 @@ def drawn(folder: Path, *, light: str = "white", dark: str = "black", extra: str
         ({"text": "ROOM 008"}, "furniture left out"),
         ({"extra": "gap"}, "walls not closed"),
         ({"extra": "frame"}, "frame"),
+        ({"extra": "sheet"}, "frame"),
         ({"light": "#101020", "dark": "#e0e0e0"}, "light walls"),
         ({"dark": "#8080c8"}, "threshold found"),
     ],
@@ -448,6 +450,17 @@ def test_pictures_as_people_draw_them(tmp_path: Path, options: dict[str, Any], t
     assert told in {repair.kind for repair in plan.repairs}
     assert plan.building.area_m2 == pytest.approx(9.4 * 5.6 - 0.8, rel=0.05) and not unreachable(plan.building).any()
     assert sum("/door" not in polygon.id for polygon in plan.building.polygons) == 2
+
+
+def test_a_hall_with_a_closed_office_half_as_long_and_wide_is_no_frame(tmp_path: Path) -> None:
+    pytest.importorskip("skimage")
+    from PIL import Image, ImageDraw
+
+    draw = ImageDraw.Draw(image := Image.new("L", (600, 400), 255))
+    for corners in ([20, 20, 570, 370], [50, 50, 350, 300]):
+        draw.rectangle(corners, outline=0, width=5)
+    image.save(tmp_path / "plan.png")
+    assert read_plan(toml_of(tmp_path, "plan.png")).building.area_m2 == pytest.approx(10.8 * 6.8, rel=0.05)
 
 
 def test_web_mercator_is_told_by_the_widths_of_doors(tmp_path: Path) -> None:

@@ -179,28 +179,25 @@ class _Opened:
         behind = shapely.Polygon(np.array([ring[3], ring[2], ring[2] + FREE_M * out, ring[3] + FREE_M * out]))
         return bool(shapely.intersection(behind, self._shapes[sides[1]]).area < 0.999 * behind.area)
 
-    def _rings(self, number: int) -> tuple[list[FloatArray], list[int]]:
+    def _rings(self, number: int) -> tuple[list[FloatArray], IntArray]:
         """Rings and neighbours of a polygon with what was inserted into its edges."""
-        building, edge, neighbours = self._building, int(self._building.first_edge[number]), []
-        rings = []
-        for ring in building.polygons[number].rings:
-            points: list[FloatArray] = []
-            for vertex in ring:
-                points.append(vertex)
-                neighbours.append(int(building.edge_neighbour[edge]))
-                for _, more, beyond in self._inserted.get(edge, []):
-                    points += more
-                    neighbours += beyond
-                edge += 1
-            rings.append(np.array(points))
-        return rings, neighbours
+        building, polygon = self._building, self._building.polygons[number]
+        edges = slice(first := int(building.first_edge[number]), first + len(polygon.neighbour))
+        cuts = [(k, cut) for k in sorted(self._inserted) if edges.start <= k < edges.stop for cut in self._inserted[k]]
+        at = [k - first + 1 for k, (_, points, _) in cuts for _ in points]
+        points = np.array([place for _, (_, points, _) in cuts for place in points]).reshape(-1, 2)
+        ends = np.cumsum([len(ring) for ring in polygon.rings])
+        ends += np.searchsorted(at, ends, side="right")
+        places = np.insert(building.edge_start_xy_m[edges], at, points, axis=0)
+        neighbours = np.insert(building.edge_neighbour[edges], at, [one for _, cut in cuts for one in cut[2]])
+        return np.split(places, ends[:-1]), neighbours
 
     def _redrawn(self, number: int) -> FloorPolygon:
         polygon = self._building.polygons[number]
         rings, neighbours = self._rings(number)
         if len(neighbours) == len(polygon.neighbour):
             return polygon
-        return replace(polygon, outline_xy_m=rings[0], neighbour=np.array(neighbours), holes=tuple(rings[1:]))
+        return replace(polygon, outline_xy_m=rings[0], neighbour=neighbours, holes=tuple(rings[1:]))
 
 
 def _groups(building: Building) -> IntArray:

@@ -19,7 +19,6 @@ from scipy import ndimage
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps import files
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
@@ -31,7 +30,7 @@ BAND: Final = 64  # rows that are made grey at once: copies of all of a picture 
 MAX_TRACED: Final = 1_000_000  # a larger picture is thinned: one of 1 kB and 15 million pixels took 21 s
 DARK: Final = 0.5  # of white: darker pixels are wall
 MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
-ENTRANCES_M: Final = (0.0, 1.1, 1.6, 2.0)  # wall to wall: closed, one leaf, two leaves
+ENTRANCES_M: Final = (1.1, 1.6, 2.0)  # wall to wall: one leaf, two leaves
 MIN_OF_HULL: Final = 0.1  # of what walls span: less floor is what letters enclose
 MIN_ROOM_M2: Final = 4.0  # smaller ones all round which another room lies are tables, columns and letters
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
@@ -40,9 +39,10 @@ MIN_AREA_M2: Final = 0.5
 MIN_SIDE_M: Final = 2.0  # of a picture: less is no plan, and an entrance would be wider than all of it
 MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
 MAX_PARTS: Final = 300  # of the floor of a level, and as many holes: noise has thousands, which took 20 s
-MAX_EDGES: Final = 150_000  # of pixels between floor and wall: a room for each 27 by 27 pixels of `MAX_TRACED`
+MAX_EDGES: Final = 100_000  # of pixels between floor and wall: a room for each 40 by 40 pixels of `MAX_TRACED`
 MAX_CORNERS: Final = 5_000  # of the outlines of a level: noise has 50 000, which took 8 s
 MIN_HOUSE: Final = 0.5  # of the floor inside of a frame, which is one part of it: a block of rooms in a ring is many
+MIN_FILLED: Final = 0.125  # of a frame, either way, by the largest thing in it
 NECK_PIXELS: Final = 500_000  # of a picture in which necks are measured: a larger one is thinned
 NECK_RADII: Final = 32
 MIN_DEPTH: Final = 1.5  # of a room, in widths of its door
@@ -96,8 +96,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         grey = pixels / 255.0
         bright = (grey > dark) ^ light_walls
         if light_walls:
-            what = f"{bright.mean():.0%} of the picture is dark: what is light was taken for wall"
-            builder.note("light walls", what)
+            builder.note("light walls", f"{bright.mean():.0%} of the picture is dark: what is light was taken for wall")
         picture = msgspec.structs.replace(picture, metres_per_pixel=picture.metres_per_pixel * step)
         picture = _in_metres(picture, bright, plan.unit, builder)
         if not 1e-4 < picture.metres_per_pixel < 10:
@@ -107,8 +106,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         if min(grey.shape) * picture.metres_per_pixel < MIN_SIDE_M:
             raise MapError(f"{place}: a side is less than {MIN_SIDE_M:g} m long; is metres_per_pixel wrong?")
         free = _inside(grey, bright, builder, picture, place)
-        of_pixels = PlanAlignment(scale=picture.metres_per_pixel)
-        _add_free(builder, free, picture.level, place, of_pixels, picture.origin_m)
+        _add_free(builder, free, picture.level, place, PlanAlignment(scale=picture.metres_per_pixel), picture.origin_m)
     return finished(builder, "picture")
 
 
@@ -116,8 +114,7 @@ def _grey(path: Path) -> ByteArray:
     """(H, W) brightness from 0, black, to 255, white; transparent is white."""
     from PIL import Image
 
-    container = files.opened(path)
-    content = files.member(container, path.name)
+    content = files.member(files.opened(path), path.name)
     try:
         with Image.open(io.BytesIO(content)) as image:
             if image.width * image.height > MAX_PIXELS:
@@ -141,8 +138,7 @@ def _thinned(pixels: Any, builder: BuildingBuilder, level: int, *, walls_are_bri
     """One pixel for each square of pixels, that which is most like a wall, and how many are a side of the square."""
     step = max(1, math.ceil(math.sqrt(pixels.size / MAX_TRACED)))
     if step > 1:
-        what = f"of {step} by {step} pixels the one most like a wall was read"
-        builder.note("picture thinned", what, level)
+        builder.note("picture thinned", f"of {step} by {step} pixels the one most like a wall was read", level)
     rows, columns = (-size % step for size in pixels.shape)
     padded = np.pad(pixels, ((rows, 0), (0, columns)), mode="edge")
     squares = padded.reshape(len(padded) // step, step, -1, step)
@@ -225,7 +221,8 @@ def _without_frame(bright: BoolArray, picture: Picture, builder: BuildingBuilder
     """Bright pixels, with those of a line round everything that is the frame of the drawing.
 
     A frame it is where the table says so, or where what lies inside of it hangs together as a house does. The line is a
-    dark part, a rectangle round all others, which fill at least half of it, and touches none.
+    dark part, a rectangle without a gap round all others, and touches none. A house has ways between rooms: one room is
+    an office in a hall. So are rooms that one can enter and that fill less than half of the line's length or width.
     """
     parts, _ = ndimage.label(~bright, np.ones((3, 3)))
     boxes = ndimage.find_objects(parts)
@@ -235,14 +232,19 @@ def _without_frame(bright: BoolArray, picture: Picture, builder: BuildingBuilder
     outer = int(sides.prod(axis=1).argmax())
     margin = 2 + int(sides[outer].max()) // 50
     inner = tuple(slice(one.start + margin, one.stop - margin) for one in boxes[outer])
-    is_inside = (2 * np.delete(sides, outer, axis=0) >= sides[outer]).all(axis=1)
-    if not is_inside.any() or (parts[inner] == 1 + outer).any():
+    fills = (np.delete(sides, outer, axis=0) / sides[outer]).min(axis=1).max()
+    line = parts == 1 + outer
+    if fills < MIN_FILLED or line[inner].any():
         return bright
-    within, pixel_m2 = bright | (parts == 1 + outer), picture.metres_per_pixel**2
+    beside = ndimage.label(np.pad(~line, 1, constant_values=True))[0]
+    if not picture.frame and (beside[1:-1, 1:-1][inner] == beside[0, 0]).any():
+        return bright
+    within, pixel_m2 = bright | line, picture.metres_per_pixel**2
     found = _enclosed(within, picture.metres_per_pixel)
-    floor = np.zeros_like(bright) if found is None else found[0]
+    floor, way_in_m = found or (np.zeros_like(bright), 0.0)
     rooms = np.bincount(ndimage.label(floor)[0].ravel(), minlength=2)[1:]
-    is_frame = picture.frame or (found is not None and rooms.max() >= MIN_HOUSE * rooms.sum())
+    hangs_together = rooms.max() >= MIN_HOUSE * rooms.sum() and _neck(floor) > 0.0
+    is_frame = bool(picture.frame) or (hangs_together and (fills >= MIN_HOUSE or not way_in_m))
     what = (
         f"a line round {sides[outer].prod() * pixel_m2:.0f} m² touches nothing, and without it "
         f"{floor.sum() * pixel_m2:.0f} m² are floor: taken for {'the frame of the drawing' if is_frame else 'a wall'}; "
@@ -264,20 +266,20 @@ def _enclosed(bright: BoolArray, metres_per_pixel: float) -> tuple[BoolArray, fl
     walls = walls if walls.all() else _far2(walls) > radius**2
     margin = int(ENTRANCES_M[-1] / metres_per_pixel / 2) + 2  # of paper, from which the disc comes
     clear2 = _far2(~np.pad(walls, margin))
-    found = []
-    for wide_m in ENTRANCES_M:
-        half = wide_m / metres_per_pixel / 2
-        labels = ndimage.label(clear2 > half**2)[0]
+    labels = ndimage.label(clear2 > 0)[0]
+    within = slice(margin, -margin)
+    inside, wide_m = ~walls & (labels != labels[0, 0])[within, within], 0.0
+    for entrance_m in ENTRANCES_M:
+        half2 = (entrance_m / metres_per_pixel / 2) ** 2
+        labels = ndimage.label(clear2 > half2)[0]
         beside = labels != labels[0, 0]
-        outside = _far2(beside) <= half**2 if half else ~beside
-        found.append(~walls & ~outside[margin:-margin, margin:-margin])
-    inside, wide_m = found[0], 0.0
-    clear2 = clear2[margin:-margin, margin:-margin]
-    for more, entrance_m in zip(found[1:], ENTRANCES_M[1:], strict=True):
-        parts, _ = ndimage.label(more & ~inside)
+        is_core = ((labels > 0) & beside)[within, within] & ~inside
+        if not is_core.any():
+            continue
+        parts, _ = ndimage.label(~walls & ~inside & (_far2(beside) > half2)[within, within])
         is_room = np.bincount(parts.ravel()) * metres_per_pixel**2 >= MIN_ROOM_M2
         is_room[0] = False
-        is_room &= np.bincount(parts.ravel(), clear2.ravel() > (entrance_m / metres_per_pixel / 2) ** 2) > 0
+        is_room &= np.bincount(parts.ravel(), is_core.ravel()) > 0
         if is_room.any():
             inside, wide_m = inside | is_room[parts], entrance_m
     return (inside, wide_m) if inside.sum() * metres_per_pixel**2 >= MIN_AREA_M2 else None
@@ -389,8 +391,7 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file and remedy.
     """
     path = Path(path)
-    container: Container = files.opened(path)
-    fields = _flat_yaml(files.member(container, path.name).decode(errors="replace"), path)
+    fields = _flat_yaml(files.member(files.opened(path), path.name).decode(errors="replace"), path)
     try:
         ros = msgspec.convert(fields, RosMap, strict=False)
     except msgspec.ValidationError as error:

@@ -95,7 +95,10 @@ def _objects(content: bytes) -> bytes:
     inner = {key for row in rows for key, value in row.items() if isinstance(value, list) and _are_objects(value)}
     if len(inner) == 1:  # readings of a scan, or sensors of a time
         key = inner.pop()
-        rows = [{**row, key: k, **one} for k, row in enumerate(rows) for one in row.get(key) or ()]
+        told = ((k, row, row.get(key)) for k, row in enumerate(rows))
+        rows = [
+            {**row, key: k, **one} for k, row, of in told if isinstance(of, list) and _are_objects(of) for one in of
+        ]
     return b"\n".join([msgspec.json.encode(row) for row in rows]) or content
 
 

@@ -530,7 +530,7 @@ def _redrawn(rng: np.random.Generator, content: bytes) -> bytes:
         image = image.convert("L")
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return content
-    draw, what = ImageDraw.Draw(image), int(rng.integers(6))
+    draw, what = ImageDraw.Draw(image), int(rng.integers(8))
     for _ in range(int(rng.choice([1, 5, 60]))):
         ends = rng.integers(-20, max(image.size) + 20, 4).tolist()
         draw.line(ends, fill=int(rng.choice([0, 255, 128])), width=int(rng.integers(1, 6)))
@@ -546,9 +546,42 @@ def _redrawn(rng: np.random.Generator, content: bytes) -> bytes:
     elif what == 3:
         pixels = 255 - np.asarray(image)
         image = Image.fromarray(pixels)
+    elif what > 5:
+        image = Image.fromarray(noise(rng))
     made = io.BytesIO()
     image.save(made, "PNG")
     return made.getvalue()
+
+
+def noise(rng: np.random.Generator) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """(H, W) black and white of at most a million pixels: blocks, blobs, meshes, rings, a plan to no one."""
+    from scipy import ndimage
+
+    high, wide = (int(side) for side in rng.choice([300, 600, 900, 1000], 2))
+    share, size = float(rng.uniform(0.2, 0.9)), int(rng.choice([1, 2, 3, 4, 6, 8, 12, 20, 40]))
+    row, column = np.mgrid[:high, :wide]
+    what = int(rng.integers(6))
+    if what == 0:  # blocks
+        blocks = rng.random((high // size + 1, wide // size + 1)) < share
+        is_bright = np.kron(blocks, np.ones((size, size), bool))[:high, :wide]
+    elif what == 1:  # blobs
+        smooth = ndimage.gaussian_filter(rng.random((high, wide)), size / 2)
+        is_bright = smooth < np.quantile(smooth, share)
+    elif what == 2:  # a mesh with gaps
+        is_line = (row % (4 * size) < 2) | (column % (4 * size) < 2)
+        is_bright = ~is_line | (
+            ndimage.zoom(rng.random((high // size + 1, wide // size + 1)), size, order=0)[:high, :wide] > share
+        )
+    elif what == 3:  # rings, cut by spokes
+        far, turn = np.hypot(row - high / 2, column - wide / 2), np.arctan2(row - high / 2, column - wide / 2)
+        is_bright = (far % (2 * size + 2) >= 2) & ((turn * size % 1.0 > 0.05) | (rng.random() < 0.5))
+    elif what == 4:  # a chess-board
+        is_bright = (row // size + column // size) % 2 > 0
+    else:  # a comb, whose teeth are one corridor
+        is_bright = (column % (2 * size + 2) >= 2) | ((row < 9) | (row >= high - 9)) & (
+            column // (2 * size + 2) % 2 > 0
+        )
+    return is_bright.astype(np.uint8) * np.uint8(255)
 
 
 def changed_pgm(rng: np.random.Generator, content: bytes) -> bytes:

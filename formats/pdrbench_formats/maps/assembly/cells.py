@@ -20,6 +20,7 @@ STRAIGHT_M: Final = 0.002  # vertices that bend an edge by an area below this le
 GAP_M: Final = 0.03  # enclosed gaps narrower than this are filled, necks of floor narrower than twice this are cut
 MIN_PART_M2: Final = 0.3  # smaller parts of a floor that walls cut off are dropped: too small to stand on
 MIN_WIDTH_M: Final = 0.25  # narrower ones as well, such as the inside of a wall that is drawn as two lines
+MAX_FOUND_DOORS: Final = 250  # of a level: noise has thousands of gaps; those left are floor as before
 MAX_CUTS: Final = 4  # rounds in which rings that touch are kept apart
 
 
@@ -42,8 +43,8 @@ def cells_of(level: DrawnLevel, shafts: Sequence[Connection], door_m: float, rep
     cells = _split(cells, number, repairs)
     if not level.doors:
         for cell in cells:
-            if cell.shaft < 0 and not cell.is_walled:
-                for line in door_gaps(cell.shape):
+            if cell.shaft < 0 and not cell.is_walled and len(level.doors) < MAX_FOUND_DOORS:
+                for line in door_gaps(cell.shape)[: MAX_FOUND_DOORS - len(level.doors)]:
                     level.doors.append((line, door_m, ""))
                     what = f"a gap of {line.length:.2f} m in the walls is taken for a door"
                     place = shapely.get_coordinates(line.centroid)[0]

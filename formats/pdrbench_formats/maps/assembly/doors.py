@@ -40,10 +40,11 @@ def doors_of(level: DrawnLevel, cells: Sequence[Cell], walls: Any, repairs: Repa
             repairs.add("door left out", where, what, place, level.number)
             continue
         doors.append(Cell(f"door-{len(doors)}", shape, level.number, is_walled=False, is_door=True))
-    for i, door in enumerate(doors):  # leaves of a double door may overlap
-        for other in doors[:i]:
-            if shapely.intersects(door.shape, other.shape):
-                door.shape = without(door.shape, other.shape)
+    shapes = np.array([door.shape for door in doors], dtype=object)
+    pairs = shapely.STRtree(shapes).query(shapes, predicate="intersects").T
+    for i, k in sorted((i, k) for i, k in pairs.tolist() if k < i):  # leaves of a double door may overlap
+        if shapely.intersects(doors[i].shape, doors[k].shape):
+            doors[i].shape = without(doors[i].shape, doors[k].shape)
     parts = [large_parts(door.shape, 1e-3) for door in doors]
     return [replace(door, shape=max(of, key=shapely.area)) for door, of in zip(doors, parts, strict=True) if of]
 

@@ -152,8 +152,10 @@ def touching_vertices(shape: Any) -> FloatArray:
     found = [np.zeros((0, 2))]
     for part in large_parts(shape, 0.0):
         rings = [shapely.get_coordinates(ring)[:-1] for ring in (part.exterior, *part.interiors)]
-        points, count = np.unique(np.concatenate(rings), axis=0, return_counts=True)
-        found.append(points[count > 1])
+        points = np.concatenate(rings)
+        points = points[np.lexsort(points.T)]
+        twice = points[1:][(points[1:] == points[:-1]).all(axis=1)]
+        found.append(np.unique(twice, axis=0) if len(twice) else twice)  # of all points it takes ten times as long
     return np.concatenate(found)
 
 
