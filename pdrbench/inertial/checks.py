@@ -108,11 +108,8 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
     gaps_s = np.diff(t_s)[np.diff(t_s) > GAP_S]
     if len(gaps_s):
         seen = f"{len(gaps_s)} gaps of {np.median(gaps_s):.2g} s, the longest {gaps_s.max():.2g} s"
-        warnings.warn(
-            f"{seen}: a foot that swings in one loses its heading; record without losses, or expect errors of metres",
-            RecordingWarning,
-            stacklevel=4,
-        )
+        seen += ": a foot that swings in one loses its heading; record without losses, or expect errors of metres"
+        warnings.warn(seen, RecordingWarning, stacklevel=4)
     guard({"accel": np.column_stack([t_s, accel]), "gyro": np.column_stack([t_s, gyro])}, min_rate_hz=FOOT_MIN_RATE_HZ)
     refuse(swings(t_s, accel, gyro), "the recording")
     return CleanRows(t_s, accel, gyro, kept, dropped)

@@ -29,6 +29,7 @@ NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of h
 BIAS_WALK: Final = 1e-6  # of both biases, m/s2 and rad/s per root second
 BRIDGE_S: Final = 0.5  # in a gap longer than this the foot does as it likes, and its velocity is kept
 GAP_SWING_RADPS: Final = 20.0  # how fast a foot oscillates: noise in a gap is as large as the motion of the last second
+CARRIED_NEAR_S: Final = 0.015  # what is carried on for so long has half its noise
 TURN_ON_RAD: Final = math.radians(1.5)  # a foot that stands still and turns by more was switched on with a bias
 TURN_ON_STILL_S: Final = 0.7  # for which it stood still, after `Detector.still_s`
 TURN_ON_SIGMA_RADPS: Final = math.radians(0.1)
@@ -227,9 +228,10 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
     _propagate(cov, dt, f, c, size)
     push = f[0] ** 2 + f[1] ** 2 + (f[2] - GRAVITY_MPS2) ** 2
     force, turn = noise.force_fraction**2 * push, 0.0
-    if carried_s > 0.0:  # what errs alike for T seconds adds T^2 to a variance
-        force = 2.0 * carried_s * noise.carried_force_fraction**2 * push
-        turn = 2.0 * carried_s * noise.carried_rate_fraction**2 * (rate0**2 + rate1**2 + rate2**2)
+    if carried_s > 0.0:  # what errs alike for T seconds adds T^2 to a variance, and less between ends that are near
+        alike_s = 2.0 * carried_s * (carried_s / (carried_s + CARRIED_NEAR_S)) ** 2
+        force = alike_s * noise.carried_force_fraction**2 * push
+        turn = alike_s * noise.carried_rate_fraction**2 * (rate0**2 + rate1**2 + rate2**2)
     for i in range(3):
         cov[3 + i, 3 + i] += (noise.accel_density**2 + force) * dt
         cov[6 + i, 6 + i] += (noise.gyro_density**2 + turn) * dt

@@ -1,4 +1,4 @@
-"""Gaps in what a foot measures: samples are carried on from the earlier stride that went most like this one."""
+"""Gaps in what a foot measures: samples are carried on from the earlier strides that went most like this one."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray
 
 # Ours, chosen on recordings with gaps of 0.2 and 0.6 s cut into them; see the laboratory's notebook on foot_ins.
-SHORTEST_S: Final = 0.05  # not measured: a shorter gap is crossed by the mean of its two ends
+SHORTEST_S: Final = 0.018  # a shorter gap is crossed by the mean of its two ends
 MEMORY_S: Final = 30.0  # in which earlier strides are looked for
 MATCHED_S: Final = 0.8  # before the gap, that has to go alike: two strides differ where they began
-LEAST_MATCHED_S: Final = 0.3
+LEAST_MATCHED_S: Final = 0.3  # and how far apart two strides begin at least
+FADES_S: Final = 0.3  # a sample before the gap counts less by a factor of e where it is so much older
+NUM_ALIKE: Final = 3  # strides whose mean is carried on
 AFTER_WEIGHT: Final = 60.0  # samples that the one after the gap counts as
 BLEND_S: Final = 0.05  # in which a stride that is carried on is led over into what was measured on either side
 SCALE: Final = np.array([3.0, 3.0, 3.0, 0.7, 0.7, 0.7])  # m/s2 and rad/s that count alike
@@ -27,8 +29,7 @@ class GapFiller:
     """
 
     def __init__(self, rate_hz: float, longest_s: float) -> None:
-        self._rate_hz, self._longest_s = rate_hz, longest_s
-        self._shortest_s = max(SHORTEST_S, 2.5 / rate_hz)
+        self._rate_hz, self._longest_s, self._shortest_s = rate_hz, longest_s, max(SHORTEST_S, 1.8 / rate_hz)
         self._seen: list[FloatArray] = [np.zeros((0, 7))]
 
     def fill(self, rows: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -40,8 +41,6 @@ class GapFiller:
         Returns:
             (m, 7) the same with what is carried on, and (m,) whether a sample was carried on.
         """
-        if self._longest_s <= 0:
-            return rows, np.zeros(len(rows), dtype=bool)
         t_s = np.concatenate([self._seen[-1][-1:, 0] if len(self._seen[-1]) else rows[:1, 0], rows[:, 0]])
         steps_s = t_s[1:] - t_s[:-1]
         gaps = np.flatnonzero((steps_s > self._shortest_s) & (steps_s <= self._longest_s))
@@ -77,16 +76,18 @@ class GapFiller:
         matched = min(round(MATCHED_S * self._rate_hz), len(seen) - count - 3)
         if matched < LEAST_MATCHED_S * self._rate_hz:
             return seen[:0]
-        values, after = seen[:, 1:], after[1:]
-        scaled = values / SCALE
-        windows, wanted = scaled[: len(seen) - count - 1], scaled[-matched:]
-        energy = np.concatenate([[0.0], np.cumsum(np.square(windows).sum(axis=1))])
+        values, scaled, after = seen[:, 1:], seen[:, 1:] / SCALE, after[1:]
+        windows, faded = scaled[: len(seen) - count - 1], np.exp(np.arange(-matched, 0) / (FADES_S * self._rate_hz))
+        wanted = faded[:, None] * scaled[-matched:]
         alike = sum(np.correlate(one, other, mode="valid") for one, other in zip(windows.T, wanted.T, strict=True))
-        off = energy[matched:] - energy[:-matched] - 2 * alike
-        begins = matched + np.arange(len(off))  # of what would be carried on
-        off += AFTER_WEIGHT * np.square(scaled[begins + count] - after / SCALE).sum(axis=1)
-        begin = begins[off.argmin()]
+        off = np.correlate(np.square(windows).sum(axis=1), faded, mode="valid") - 2 * alike
+        off += AFTER_WEIGHT * np.square(scaled[matched + count :][: len(off)] - after / SCALE).sum(axis=1)
         t_s = begin_s + (end_s - begin_s) * np.arange(1, count + 1) / (count + 1)
-        lead_in = np.exp((begin_s - t_s) / BLEND_S)[:, None] * (values[-1] - values[begin - 1])
-        lead_out = np.exp((t_s - end_s) / BLEND_S)[:, None] * (after - values[begin + count])
-        return np.column_stack([t_s, values[begin : begin + count] + lead_in + lead_out])
+        ends = np.sinh(np.column_stack([end_s - t_s, t_s - begin_s]) / BLEND_S) / np.sinh((end_s - begin_s) / BLEND_S)
+        strides, apart = list[FloatArray](), round(LEAST_MATCHED_S * self._rate_hz)
+        while len(strides) < NUM_ALIKE and off.min() < np.inf:
+            begin = matched + int(off.argmin())  # of what is carried on, and led over into what was measured
+            off[max(begin - matched - apart, 0) : begin - matched + apart] = np.inf
+            missed = np.stack([values[-1] - values[begin - 1], after - values[begin + count]])
+            strides.append(values[begin : begin + count] + ends @ missed)
+        return np.column_stack([t_s, np.mean(strides, axis=0)])

@@ -1,6 +1,8 @@
 """One table of all feet: sets by disturbances, for the literal filter, `foot_ins_robust` and its revised row.
 
-    python -m pdrbench_lab.foot_ins.table [DISTURBANCE ...]
+    python -m pdrbench_lab.foot_ins.table [NAME=VALUE ...] [DISTURBANCE ...]
+
+NAME is a setting of `pdrbench.inertial.gaps`, to be tried.
 
 Errors are root mean squares after alignment in m, of loops the closure in percent of the way; parts of a set are apart
 by a stroke. In brackets is the share of the samples, in percent, inside the disc of 95 % that the filter claims. The
@@ -25,6 +27,7 @@ import numpy as np
 from pdrbench.errors import RecordingError, RecordingWarning
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import LITERAL, FootStates, navigate, navigate_smoothed
+from pdrbench.inertial import gaps as carrying
 from pdrbench.inertial.zero_velocity import nominal_rate_hz
 from pdrbench_lab.foot_ins.experiments import FootWalk, closure_m, places_m, rmse_m
 from pdrbench_lab.foot_ins.sets import all_sets
@@ -54,12 +57,12 @@ def kept(walk: FootWalk, rows: slice | BoolArray) -> FootWalk:
     return replace(walk, t_s=walk.t_s[rows], accel=walk.accel[rows], gyro=walk.gyro[rows])
 
 
-def gaps(lasts_s: float) -> Callable[[FootWalk], FootWalk]:
-    """So much is missing every `GAP_EVERY_S`, from a moment between 2 and 6 s on."""
+def gaps(lasts_s: float, later_s: float = 0.0) -> Callable[[FootWalk], FootWalk]:
+    """So much is missing every `GAP_EVERY_S`, from a moment between 2 and 6 s on, or `later_s` after that."""
 
     def cut(walk: FootWalk) -> FootWalk:
         t_s = walk.t_s
-        first_s = t_s[0] + 2.0 + np.random.default_rng(len(t_s)).uniform(0, 4)
+        first_s = t_s[0] + 2.0 + later_s + np.random.default_rng(len(t_s)).uniform(0, 4)
         is_gone = (t_s >= first_s) & ((t_s - first_s) % GAP_EVERY_S < lasts_s) & (t_s < t_s[-1] - 1.5)
         return kept(walk, ~is_gone)
 
@@ -123,6 +126,7 @@ DISTURBANCES: Final[Mapping[str, Callable[[FootWalk], FootWalk]]] = MappingProxy
         "gap_0.2": gaps(0.2),
         "gap_0.6": gaps(0.6),
         "gap_2": gaps(2.0),
+        **{f"gap_{s:g}+{later_s:g}": gaps(s, later_s) for s in (0.2, 0.6) for later_s in (2.1, 4.3)},
         "50_hz": thinned(50.0),
         "100_hz": thinned(100.0),
         "clipped": clipped,
@@ -219,7 +223,10 @@ def main() -> None:
     warnings.simplefilter("ignore", RecordingWarning)
     walks = all_sets()
     sys.stdout.write(f"{'':18s} " + " ".join(f"{name:>20s}" for name in walks) + "   mean worse\n")
-    for name in sys.argv[1:] or DISTURBANCES:
+    settings = [word.split("=") for word in sys.argv[1:] if "=" in word]
+    for name, value in settings:
+        setattr(carrying, name, float(value))
+    for name in sys.argv[1 + len(settings) :] or DISTURBANCES:
         disturb = DISTURBANCES[name]
         changed = {of: {part: [disturb(w) for w in group] for part, group in ps.items()} for of, ps in walks.items()}
         for kind, play in FILTERS.items():
