@@ -11,6 +11,7 @@ import functools
 import hashlib
 import importlib
 import importlib.util
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -302,14 +303,15 @@ def task_place(name: str) -> str | None:
             raise PluginError(f"{name} names a file and no function in it; write {file}:task")
         return f"{Path(file).absolute()}:{function}"
     path = Path(name).absolute()
-    if path.is_dir() and not (path / TASK_FILE).is_file():
+    is_folder = os.path.isdir(path)  # noqa: PTH112  where a name is too long `Path.is_dir` raises
+    if is_folder and not (path / TASK_FILE).is_file():
         raise PluginError(
             f"{name} is a folder without {TASK_FILE}; write one, or let `pdrbench try FILE...` write it for recordings"
         )
-    if path.is_dir():
+    if is_folder:
         return str(path / TASK_FILE)
     if path.suffix == ".toml" or "/" in plain:
-        if not path.is_file():
+        if not os.path.isfile(path):  # noqa: PTH113
             raise PluginError(
                 f"no file or folder {name}; an environment is an id, a folder with {TASK_FILE}, or file.py:function"
             )

@@ -53,7 +53,7 @@ def _windows_of(env: str, walk: str, cut: Cut) -> Part:
     streams = {name: stream.rows for name, stream in recording.streams.items() if len(stream.rows) > 1}
     needed = (*cut.sensors, "rotation") if cut.frame == "level" else cut.sensors
     if lacking := [name for name in needed if name not in streams]:
-        raise PdrbenchError(f"{task.id} {walk} has no {lacking[0]!r}; windows ask for {', '.join(needed)}")
+        raise PdrbenchError(f"{task.id} {walk} has no {lacking[0]!r}; windows ask for {', '.join(map(repr, needed))}")
     times_s = [streams[name][:, 0] for name in needed]
     from_s, till_s = max(t_s[0] for t_s in times_s), min(t_s[-1] for t_s in times_s)
     edges_s = from_s + np.arange(max(int((till_s - from_s) * cut.rate_hz), 0) + 1) / cut.rate_hz

@@ -189,7 +189,7 @@ def test_a_function_in_a_file_is_an_environment(tmp_path: Path, monkeypatch: pyt
     )
     assert make_task("made.py:task").id == "Made-v0"
     assert task_place("made.py:task") == f"{tmp_path / 'made.py'}:task"
-    assert task_place("CampusStride-v1") is None and task_place("pdrbench/CampusStride-v1") is None
+    assert all(task_place(name) is None for name in ("CampusStride-v1", "pdrbench/CampusStride-v1", 300 * "x"))
 
 
 def test_plan_places_and_starts_share_a_frame(folder: Path) -> None:

@@ -16,6 +16,7 @@ import msgspec
 from pdrbench.datasets import cache_folder
 from pdrbench.datasets.folders import brought_folders, remember_folder
 from pdrbench.errors import DatasetError, RecordingError
+from pdrbench.files import is_safe_name
 from pdrbench.io.compressed import content_of, plain_name
 from pdrbench.io.container import ZIP_MAGIC
 from pdrbench.io.text import MAX_TEXT_BYTES, Text, clean_text
@@ -113,6 +114,8 @@ def _sites(places: tuple[Path, ...]) -> Mapping[str, Site]:
             folders.pop()
         plain = plain_name(name)
         if len(folders) < 2 or folders[-1] == TEST or name.startswith("."):  # hidden: no walk, what systems add
+            continue
+        if not is_safe_name(folders[-2]):  # no building of the set, whose names become those of files
             continue
         site, floor = folders[-2:]
         if plain in (PLAN, SIZE):
