@@ -21,6 +21,7 @@ from pdrbench.inertial.foot_filter import run as run_kernel
 from pdrbench.inertial.foot_kernels import (
     BIAS_WALK,
     BRIDGE_S,
+    CARRIED_NEAR_S,
     CLIPPED_EXCESS_RADPS,
     CLIPPED_FRACTION,
     EXCESS_RADPS,
@@ -329,8 +330,9 @@ def plain_filter(
         motion = force - [0.0, 0.0, GRAVITY_MPS2]
         moved, turned = noise.force_fraction**2 * np.sum(motion**2), 0.0
         if is_carried:
-            moved = 2 * carried_s * noise.carried_force_fraction**2 * np.sum(motion**2)
-            turned = 2 * carried_s * noise.carried_rate_fraction**2 * np.sum(rate**2)
+            alike_s = 2 * carried_s * (carried_s / (carried_s + CARRIED_NEAR_S)) ** 2
+            moved = alike_s * noise.carried_force_fraction**2 * np.sum(motion**2)
+            turned = alike_s * noise.carried_rate_fraction**2 * np.sum(rate**2)
         variances = dt * np.array([0.0, noise.accel_density**2 + moved, noise.gyro_density**2 + turned])
         added = np.diag(np.repeat(np.append(variances, np.full(2, dt * BIAS_WALK**2)), 3)[:size])
         if is_gap:
