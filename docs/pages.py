@@ -29,10 +29,7 @@ RECORDS: Final = {  # files and JSON whose fields are those of a record
         "pdrbench_leaderboard.record:PartRecord",
         "pdrbench_leaderboard.record:DivisionRecord",
     ),
-    "The walks of a board: `walks.json`": (
-        "pdrbench_leaderboard.record:PartWalks",
-        "pdrbench_leaderboard.record:Walk",
-    ),
+    "The walks of a board: `walks.json`": ("pdrbench_leaderboard.record:PartWalks", "pdrbench_leaderboard.record:Walk"),
     "A board": ("pdrbench_leaderboard.boards:Board", "pdrbench_leaderboard.boards:BoardEnvironment"),
     "A dataset": ("pdrbench.datasets:Dataset", "pdrbench.datasets:DataFile"),
     "A localizer in a folder: `localizer.toml`": (

@@ -111,12 +111,7 @@ class RecordReader:
         first_s: Time of the first line, as it stands there; NaN before it has come.
     """
 
-    def __init__(
-        self,
-        sensors: Mapping[str, SensorSpec],
-        capacity: Mapping[str, int],
-        number_of: NumberOf,
-    ) -> None:
+    def __init__(self, sensors: Mapping[str, SensorSpec], capacity: Mapping[str, int], number_of: NumberOf) -> None:
         """Begins a walk.
 
         Args:

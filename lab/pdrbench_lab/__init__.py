@@ -102,6 +102,4 @@ READERS = {
     "wrld3d": "pdrbench_lab.plans.wrld3d:READER",
 }
 
-WARM_UPS = {
-    "pdrbench_lab.footslam": "pdrbench_lab.footslam.warm:warm_up",
-}
+WARM_UPS = {"pdrbench_lab.footslam": "pdrbench_lab.footslam.warm:warm_up"}

@@ -68,12 +68,7 @@ def power(
 
 
 def _play(
-    counts: Mapping[str, int],
-    named: Sequence[str] | None,
-    seeds: int,
-    walks: int | None,
-    jobs: int,
-    out: Path | None,
+    counts: Mapping[str, int], named: Sequence[str] | None, seeds: int, walks: int | None, jobs: int, out: Path | None
 ) -> Results:
     """Plays each environment whose data is there, on the split that spreads are measured on."""
     from pdrbench.cli.ready import ready_environment, suited_localizers

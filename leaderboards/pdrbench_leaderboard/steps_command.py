@@ -23,24 +23,18 @@ RoundNumber = Annotated[
     typer.Option("--round", min=0, metavar="N", help="Held-out walks of which round.", show_default="the newest"),
 ]
 SecretFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", dir_okay=False, help="Secret of the round, where it is not published."),
+    Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Secret of the round, where it is not published.")
 ]
 NumWalks = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="At most N walks of each part, for a try.", show_default="all"),
+    int | None, typer.Option(min=1, metavar="N", help="At most N walks of each part, for a try.", show_default="all")
 ]
 LOCALIZERS: Final = "Registered id, path/to/file.py:Class, path/to/folder or bundle.pdrz"
 Localizer = Annotated[str, typer.Option(metavar="LOCALIZER", help=f"{LOCALIZERS}.")]
 CardFile = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", dir_okay=False, help="card.toml of the localizer, where it brings none."),
+    Path | None, typer.Option(metavar="FILE", dir_okay=False, help="card.toml of the localizer, where it brings none.")
 ]
 KeyFile = Annotated[Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs entries.")]
-Root = Annotated[
-    Path,
-    typer.Option(metavar="DIR", help="Folder of <board>/<entry>/; with a boards.toml: its boards."),
-]
+Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder of <board>/<entry>/; with a boards.toml: its boards.")]
 Work = Annotated[Path, typer.Option(metavar="DIR", file_okay=False, help="Folder of what is drawn.")]
 KeptWork = Annotated[
     Path | None,

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Pack and check a submission.")
 
 WheelsFolder = Annotated[
-    Path | None,
-    typer.Option("--wheels", metavar="FOLDER", file_okay=False, help="Wheels of what a folder has locked."),
+    Path | None, typer.Option("--wheels", metavar="FOLDER", file_okay=False, help="Wheels of what a folder has locked.")
 ]
 WeightsFolder = Annotated[
     Path | None,
@@ -50,8 +49,7 @@ def card(localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCA
 def pack(
     localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
     card: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", dir_okay=False, help="card.toml.", show_default="beside the code"),
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="card.toml.", show_default="beside the code")
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="The bundle.", show_default="<name>.pdrz")
@@ -74,10 +72,7 @@ def pack(
 
 
 @app.command("check")
-def check(
-    path: Annotated[Path, typer.Argument(metavar="BUNDLE", dir_okay=False)],
-    as_json: AsJson = False,
-) -> None:
+def check(path: Annotated[Path, typer.Argument(metavar="BUNDLE", dir_okay=False)], as_json: AsJson = False) -> None:
     """Check a bundle without running anything of it; exit 1 where it breaks a rule."""
     with answer_only(as_json):
         from pdrbench_leaderboard.submission import check_bundle

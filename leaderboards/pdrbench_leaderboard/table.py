@@ -37,10 +37,7 @@ HEAD: Final = (
     "uses",
 )
 LEFT: Final = frozenset({"entry", "uses"})
-DIVISION_TITLES: Final = {
-    "online": "As it was answered",
-    "offline": "As it was revised when the walk was over",
-}
+DIVISION_TITLES: Final = {"online": "As it was answered", "offline": "As it was revised when the walk was over"}
 
 
 def page(board: Board, tables: Sequence[Table]) -> str:
@@ -176,9 +173,7 @@ def notes(table: Table) -> Iterator[str]:
         )
     for row in table.rows:
         if not row.is_complete:
-            reasons = sorted(
-                {reason for of in table.divisions(row.entry).values() for reason in of.failures},
-            )
+            reasons = sorted({reason for of in table.divisions(row.entry).values() for reason in of.failures})
             why = f": {plain(reasons[0])}" if reasons else ""
             yield f"`{row.name}` played {walks_text(row)} walks; on others the worst answer of any entry counts{why}."
 

@@ -11,14 +11,7 @@ from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, JobContext
 from pdrbench.evaluation.randomness import generator
-from pdrbench.evaluation.walk_job import (
-    HIDDEN_SPLITS,
-    WalkJob,
-    crashed_result,
-    load_walk,
-    provenance_of,
-    refused,
-)
+from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, WalkJob, crashed_result, load_walk, provenance_of, refused
 from pdrbench.process.child_process import BEGUN, LaunchError
 from pdrbench.process.launch import find_launcher
 from pdrbench.process.localizer_process import LocalizerProcess, Terms

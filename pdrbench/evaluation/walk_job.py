@@ -14,13 +14,7 @@ from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
-from pdrbench.evaluation.origin import (
-    environment_version,
-    localizer_target,
-    machine,
-    target_sha256,
-    versions,
-)
+from pdrbench.evaluation.origin import environment_version, localizer_target, machine, target_sha256, versions
 from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.process.budget import Budget
 from pdrbench.process.launch import CONFINED, Isolation, find_launcher

@@ -13,17 +13,7 @@ import numpy as np
 
 from pdrbench.episode import CLOCK_SLACK_S
 from pdrbench.errors import PdrbenchError, UnsuitableError
-from pdrbench.gym.checking import (
-    SEED,
-    Check,
-    RefutedError,
-    by_env,
-    by_episode,
-    only,
-    require,
-    require_equal,
-    run_check,
-)
+from pdrbench.gym.checking import SEED, Check, RefutedError, by_env, by_episode, only, require, require_equal, run_check
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.process.watched import Watched
 from pdrbench.recording import Recording, SensorStream

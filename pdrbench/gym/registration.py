@@ -26,11 +26,7 @@ def register_environments() -> None:
             continue
         try:
             gymnasium.register(name, "pdrbench.gym.registration:refuse_bare_name", kwargs={"name": name})
-            gymnasium.register(
-                id=full_name,
-                entry_point="pdrbench.gym.env:LocalizationEnv",
-                kwargs={"task": name},
-            )
+            gymnasium.register(id=full_name, entry_point="pdrbench.gym.env:LocalizationEnv", kwargs={"task": name})
         except gymnasium.error.Error as error:
             warnings.warn(f"environment {name!r} is not registered with gymnasium: {error}", stacklevel=2)
 

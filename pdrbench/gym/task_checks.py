@@ -16,16 +16,7 @@ from numpy.typing import NDArray
 from pdrbench.episode import CLOCK_SLACK_S, Episode, delivery_table
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench.gym.checking import (
-    Check,
-    RefutedError,
-    by_env,
-    by_episode,
-    only,
-    require,
-    require_equal,
-    run_check,
-)
+from pdrbench.gym.checking import Check, RefutedError, by_env, by_episode, only, require, require_equal, run_check
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics.ranking import smallest_ratio

@@ -94,11 +94,7 @@ class RelativeAction(LocalizationWrapper, RecordConstructorArgs):
     """
 
     def __init__(
-        self,
-        env: LocalizationWrapped,
-        frame: str = "building",
-        max_move_m: float = 2.0,
-        max_turn_rad: float = math.pi,
+        self, env: LocalizationWrapped, frame: str = "building", max_move_m: float = 2.0, max_turn_rad: float = math.pi
     ) -> None:
         """Wraps an environment without claims."""
         RecordConstructorArgs.__init__(self, frame=frame, max_move_m=max_move_m, max_turn_rad=max_turn_rad)

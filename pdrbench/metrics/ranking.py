@@ -18,16 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.metrics.statistics import (
-    DRAWS,
-    MIN_UNITS,
-    Units,
-    holm,
-    sign_flip_p,
-    student,
-    unit_codes,
-    weighted_mean,
-)
+from pdrbench.metrics.statistics import DRAWS, MIN_UNITS, Units, holm, sign_flip_p, student, unit_codes, weighted_mean
 
 SIGNIFICANT: Final = 0.05  # p-value, corrected, below which two localizers are separated
 NUM_ENTRIES: Final = 15  # of a board for which power is stated: those of version 1.0

@@ -53,11 +53,7 @@ def median(values: FloatArray) -> FloatArray:
 
 
 def mean_interval(
-    values: ArrayLike,
-    units: Units | None = None,
-    *,
-    weights: ArrayLike | None = None,
-    scale: Scale = "any",
+    values: ArrayLike, units: Units | None = None, *, weights: ArrayLike | None = None, scale: Scale = "any"
 ) -> tuple[FloatArray, FloatArray]:
     """95 % confidence interval of the mean over walks, by the spread of whole units; no random numbers.
 

@@ -58,10 +58,7 @@ class Watched:
 
 def _random_states() -> dict[str, object]:
     numpy_state = cast(tuple[Any, ...], np.random.get_state())  # noqa: NPY002  looked at, not used
-    return {
-        "random": random.getstate(),
-        "numpy.random": repr(numpy_state[1].tobytes()) + repr(numpy_state[2:]),
-    }
+    return {"random": random.getstate(), "numpy.random": repr(numpy_state[1].tobytes()) + repr(numpy_state[2:])}
 
 
 def _torch_state() -> dict[str, object]:

@@ -139,8 +139,7 @@ def _checked(file: MatFile, part: str) -> tuple[FloatArray, FloatArray]:
     )
     if len(wrong):
         raise file.error(
-            places,
-            f"row {wrong[0] + 1} is not x, y, z, level and building, the last two whole numbers; leave it out",
+            places, f"row {wrong[0] + 1} is not x, y, z, level and building, the last two whole numbers; leave it out"
         )
     return rssi_dbm, labels
 

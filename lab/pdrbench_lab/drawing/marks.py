@@ -71,11 +71,7 @@ def _counter_clockwise(corners: FloatArray) -> FloatArray:
 
 
 def draw_pairs(
-    ax: Axes,
-    reference_xy_m: ArrayLike,
-    estimate_xy_m: ArrayLike,
-    height_m: ArrayLike = 0.0,
-    view: View = PLAN,
+    ax: Axes, reference_xy_m: ArrayLike, estimate_xy_m: ArrayLike, height_m: ArrayLike = 0.0, view: View = PLAN
 ) -> None:
     """Draws reference positions (N, 2) as dots, each joined to its estimate (N, 2), as Woodman & Harle 2008, Fig. 9.
 

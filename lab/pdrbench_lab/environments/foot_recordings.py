@@ -10,12 +10,7 @@ from typing import Final
 from pdrbench.io.log import Log
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.descriptions import describe
-from pdrbench_envs.foot_recordings import (
-    FootSet,
-    make_task,
-    motion_capture,
-    on_the_ground,
-)
+from pdrbench_envs.foot_recordings import FootSet, make_task, motion_capture, on_the_ground
 from pdrbench_lab.readers import foot_dual, foot_loops, foot_short
 
 _LOOP: Final = """

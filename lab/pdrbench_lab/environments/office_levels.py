@@ -93,10 +93,7 @@ def _load(walk: str) -> Recording:
         scene,
         WALKS.numbers(split, _WALK, index),
         dataclasses.replace(
-            IN_HAND,
-            rate_hz=RATE_HZ,
-            sensors=RECORDED,
-            device="phone_mid" if rng.random() < 0.5 else "phone_good",
+            IN_HAND, rate_hz=RATE_HZ, sensors=RECORDED, device="phone_mid" if rng.random() < 0.5 else "phone_good"
         ),
         duration_s=duration_s,
         person=_person(split, index % plan.people),

@@ -359,13 +359,7 @@ def plain_filter(
             still_s, turned_rad = (still_s + dt, turned_rad + dt * rate) if stands else (0.0, np.zeros(3))
             if not is_set and still_s >= TURN_ON_STILL_S and turned_rad @ turned_rad > TURN_ON_RAD**2:
                 stages.append(Stage(k, f, predicted, error - earlier, cov))
-                sigma, off, f, earlier, is_set = (
-                    TURN_ON_SIGMA_RADPS,
-                    turned_rad / still_s,
-                    np.eye(size),
-                    error,
-                    True,
-                )
+                sigma, off, f, earlier, is_set = (TURN_ON_SIGMA_RADPS, turned_rad / still_s, np.eye(size), error, True)
                 cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2)])
                 update(slice(12, 15), off, sigma)
             elif is_still:

@@ -273,10 +273,7 @@ _LEFT_OUT: Final = Experiment(
 LEFT_OUT: Final = Reproduction(
     name="foot_left_out",
     paper="settings of foot_ins_robust, fitted without the set they are measured on, and worse sensors",
-    experiments=(
-        _LEFT_OUT,
-        replace(_LEFT_OUT, name="disturbed", measure="pdrbench_lab.foot_ins.disturbed:disturbed"),
-    ),
+    experiments=(_LEFT_OUT, replace(_LEFT_OUT, name="disturbed", measure="pdrbench_lab.foot_ins.disturbed:disturbed")),
     claims=(*left_out.CLAIMS, *disturbed.CLAIMS),
 )
 REPRODUCTION: Final = Reproduction(

@@ -16,16 +16,7 @@ from pdrbench.metrics.odometry import align_se2
 from pdrbench.picture.trail import REFERENCE, draw_trail, estimate_style
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.drawing.curves import panels, save_figures
-from pdrbench_lab.foot_ins.experiments import (
-    RUNNING,
-    WALKING,
-    FootWalk,
-    closure_m,
-    matched,
-    nees,
-    rmse_m,
-    walks_of,
-)
+from pdrbench_lab.foot_ins.experiments import RUNNING, WALKING, FootWalk, closure_m, matched, nees, rmse_m, walks_of
 
 DPI: Final = 130
 SHOWN_S: Final = 3.0  # of a detector's statistic

@@ -22,13 +22,7 @@ from scipy.stats import chi2
 from pdrbench.datasets import is_available
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import FootParams, navigate
-from pdrbench_lab.foot_ins.experiments import (
-    FootWalk,
-    closure_m,
-    nees,
-    rmse_m,
-    walks_of,
-)
+from pdrbench_lab.foot_ins.experiments import FootWalk, closure_m, nees, rmse_m, walks_of
 from pdrbench_lab.reproduce.reproduction import Claim, Gate, Value, largest_over_seeds, mean_over_walks
 
 Settings = tuple[float, ...]

@@ -38,10 +38,7 @@ def swings(seed: int) -> dict[str, Any]:
             key = f"{name}_no_steps" if is_other else name
             states = navigate(walk.t_s, walk.accel, walk.gyro)
             made = len(walk.reference) - 1 if name in SURVEYED else num_swings(walk.reference)
-            for kind, number in (
-                ("swings", made),
-                ("strides", _num_moved(find_strides(states))),
-            ):
+            for kind, number in (("swings", made), ("strides", _num_moved(find_strides(states)))):
                 found[f"{kind}_{key}"] = found.get(f"{kind}_{key}", 0) + number
     numbers = {key: float(value) for key, value in found.items()}
     for key in [key.removeprefix("swings_") for key in found if key.startswith("swings_")]:

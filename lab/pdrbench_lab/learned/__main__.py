@@ -31,11 +31,7 @@ if TYPE_CHECKING:
 
 PEOPLE, EPOCHS = 400, 3  # of a training by default
 USUAL_WEIGHTS = "phone"
-MEASURED = {
-    "campus": "CampusPhone-v1",
-    "mall": "MallPhone-v2",
-    "museum": "IpinPhone-v1",
-}
+MEASURED = {"campus": "CampusPhone-v1", "mall": "MallPhone-v2", "museum": "IpinPhone-v1"}
 OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
 
 
@@ -50,8 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--width", type=int, help="of the first stage, as of the packaged network by default")
     train.add_argument("--carried", choices=(PHONE, FOOT), default=PHONE, help="what carries the sensors")
     train.add_argument(
-        "--data",
-        help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full",
+        "--data", help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full"
     )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, help="of each simulated source, who walk for the training")

@@ -29,13 +29,7 @@ from pdrbench_lab.learned.batches import AUGMENTATION, REAL, Augmentation, Feed
 from pdrbench_lab.learned.data import BEARERS, FEET, USUAL, Windows, load_or_gather
 from pdrbench_lab.learned.gait import GaitNetwork
 from pdrbench_lab.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
-from pdrbench_lab.learned.model import (
-    Network,
-    NetworkOutput,
-    length_error,
-    squared_error,
-    surprise,
-)
+from pdrbench_lab.learned.model import Network, NetworkOutput, length_error, squared_error, surprise
 from pdrbench_lab.learned.weights import load_into, network_of, restore, store
 
 MODEL: Final = "model.safetensors"  # the best one so far

@@ -32,10 +32,7 @@ def read(path: Path | str) -> Log:
     text, tally = read_text(path), Tally()
     table = read_delimited(text.content, path, separator=",", exact=True)
     table.require((TIME, *_GYRO, *_ACCEL))
-    axes = {
-        "accel": table.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
-        "gyro": np.radians(table.table(_GYRO)),
-    }
+    axes = {"accel": table.table(_ACCEL) * STANDARD_GRAVITY_MPS2, "gyro": np.radians(table.table(_GYRO))}
     others = [name for name in table.columns if name not in (TIME, *_GYRO, *_ACCEL)]
     tally.skipped.update(dict.fromkeys(others, len(table)))
     tally.mended.update(text.mended)

@@ -215,7 +215,7 @@ FOOT_IMU: Final = Block(
             "strides smoothed to six cycles, without oscillations",
             functools.partial(_synthetic_signals, has_strike=False),
             "power_50",
-        ),
+        )
     },
     features=tuple(FEATURES),
     max_auc=0.80,

@@ -59,9 +59,7 @@ def shaped_strides(log: Log) -> list[tuple[FloatArray, float]]:
             continue
         phases = np.arange(-_REACH, NUM_KNOTS + _REACH) / (NUM_KNOTS - 1)
         when_s = np.interp(
-            phases,
-            [TOE_HIGH - 1, TOE_LOW, TOE_HIGH, TOE_LOW + 1],
-            [high_s[k - 1], low_s[k], high_s[k], low_s[k + 1]],
+            phases, [TOE_HIGH - 1, TOE_LOW, TOE_HIGH, TOE_LOW + 1], [high_s[k - 1], low_s[k], high_s[k], low_s[k + 1]]
         )
         stride = poses(when_s)
         if np.abs(stride[:, 3]).max() < MAX_PITCH_RAD:

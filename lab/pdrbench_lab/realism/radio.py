@@ -192,7 +192,7 @@ RADIO: Final = Block(
     synthetic=_floors,
     count=20,
     controls={
-        "white noise": Control("RSSI is path loss with white noise, nothing is repeated", _white, "wifi_sigma_db"),
+        "white noise": Control("RSSI is path loss with white noise, nothing is repeated", _white, "wifi_sigma_db")
     },
     features=("wifi_entries", "wifi_period_s", "wifi_fresh", "wifi_age_median_s", "wifi_age_p95_s"),
 )

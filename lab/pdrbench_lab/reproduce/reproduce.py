@@ -16,24 +16,10 @@ from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.origin import machine, package_sha256, versions
 from pdrbench.evaluation.scheduler import run_all
-from pdrbench.registry import (
-    PluginEntry,
-    PluginError,
-    entries,
-    environments,
-    find_entry,
-    localizers,
-)
+from pdrbench.registry import PluginEntry, PluginError, entries, environments, find_entry, localizers
 from pdrbench_lab.reproduce.experiments import measure, plain_numbers, plan_experiments
 from pdrbench_lab.reproduce.number_text import three_digits
-from pdrbench_lab.reproduce.reproduction import (
-    REPRODUCTIONS_GROUP,
-    Claim,
-    Measured,
-    Numbers,
-    Reproduction,
-    Value,
-)
+from pdrbench_lab.reproduce.reproduction import REPRODUCTIONS_GROUP, Claim, Measured, Numbers, Reproduction, Value
 
 SEEDS_FOLDER: Final = "seeds"
 FIGURES_FOLDER: Final = "figures"
@@ -142,13 +128,7 @@ def footnotes(found: Reproduced) -> list[str]:
 
 
 def reproduce(
-    name: str,
-    out: Path | str,
-    *,
-    quick: bool = False,
-    seeds: int | None = None,
-    jobs: int = 1,
-    progress: bool = False,
+    name: str, out: Path | str, *, quick: bool = False, seeds: int | None = None, jobs: int = 1, progress: bool = False
 ) -> Reproduced:
     """Measures every claim of a paper.
 

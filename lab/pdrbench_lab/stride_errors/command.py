@@ -29,8 +29,7 @@ def error_model(
         bool, typer.Option("--law", help="Fit the law that environments draw with, and test it on each set left out.")
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", dir_okay=False, help="Write a file with what was measured."),
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Write a file with what was measured.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

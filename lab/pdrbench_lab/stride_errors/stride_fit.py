@@ -391,10 +391,7 @@ def measure_law() -> ErrorFile:
     """
     walks, sources = foot_walks()
     law = fit(walks)
-    rows = [
-        ("stray_fraction", "share", law.stray_fraction, walks),
-        ("drift_freedom", "1", law.drift_freedom, walks),
-    ]
+    rows = [("stray_fraction", "share", law.stray_fraction, walks), ("drift_freedom", "1", law.drift_freedom, walks)]
     prior, prior_sources = foot_walks([PRIOR_SET])
     rows += [
         (f"{PRIOR_SET}: drift_deg_rms", "deg/stride", math.sqrt(np.mean([walk.drift_deg**2 for walk in prior])), prior),

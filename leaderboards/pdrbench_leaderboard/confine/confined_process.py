@@ -51,12 +51,7 @@ class ConfinedProcess:
     """
 
     def __init__(
-        self,
-        limits: Limits,
-        reap: Callable[[float], Ended],
-        pid: int,
-        handle: int,
-        pipes: Sequence[int],
+        self, limits: Limits, reap: Callable[[float], Ended], pid: int, handle: int, pipes: Sequence[int]
     ) -> None:
         self._limits, self._reap, self._handle = limits, reap, handle
         self._record = ProtectionRecord()

@@ -144,11 +144,7 @@ class _Launcher:
         )
 
     def _become_child(
-        self,
-        order: dict[str, Any],
-        pipes: Sequence[int],
-        ruleset: Ruleset | None,
-        record: ProtectionRecord,
+        self, order: dict[str, Any], pipes: Sequence[int], ruleset: Ruleset | None, record: ProtectionRecord
     ) -> None:
         requests, replies, output = pipes
         null = os.open(os.devnull, os.O_RDONLY)

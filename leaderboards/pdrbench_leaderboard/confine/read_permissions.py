@@ -19,14 +19,7 @@ from typing import Final
 import pdrbench
 from pdrbench.datasets.folders import cache_folder, data_folders
 from pdrbench.localizer_folder import list_files, parse_target, read_settings
-from pdrbench.registry import (
-    OURS,
-    WARM_UPS_GROUP,
-    PluginError,
-    entries,
-    environment_packages,
-    localizers,
-)
+from pdrbench.registry import OURS, WARM_UPS_GROUP, PluginError, entries, environment_packages, localizers
 from pdrbench.settings import split_name
 from pdrbench_leaderboard.confine.toolbox import TOOLBOX
 

@@ -90,11 +90,7 @@ class LoneWalk:
         return ended
 
     def _be_first(
-        self,
-        become: Callable[[list[int]], None],
-        arrange: Callable[[], None],
-        scratch: str,
-        control: socket.socket,
+        self, become: Callable[[list[int]], None], arrange: Callable[[], None], scratch: str, control: socket.socket
     ) -> None:
         self._outcome.close()
         boot.prctl(boot.PR_SET_PDEATHSIG, signal.SIGKILL)

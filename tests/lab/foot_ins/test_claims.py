@@ -48,8 +48,7 @@ def test_every_claim_is_listed() -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [experiment.name for experiment in REPRODUCTION.experiments if experiment.name not in DEAR],
+    "name", [experiment.name for experiment in REPRODUCTION.experiments if experiment.name not in DEAR]
 )
 def test_gates_hold_on_recordings(name: str, data_root: Path) -> None:
     (experiment,) = (one for one in REPRODUCTION.experiments if one.name == name)

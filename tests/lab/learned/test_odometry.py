@@ -25,12 +25,7 @@ from safetensors.torch import save_file  # noqa: E402
 from pdrbench_lab.learned.data import Way  # noqa: E402
 from pdrbench_lab.learned.odometry import localizer as odometry  # noqa: E402
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ  # noqa: E402
-from pdrbench_lab.learned.odometry.cloning_filter import (  # noqa: E402
-    CURRENT,
-    CloningFilter,
-    CloningParams,
-    rotation_matrix,
-)
+from pdrbench_lab.learned.odometry.cloning_filter import CURRENT, CloningFilter, CloningParams, rotation_matrix  # noqa: E402
 from pdrbench_lab.learned.odometry.inference import for_inference  # noqa: E402
 from pdrbench_lab.learned.odometry.localizer import Odometry, RoninParams, TlioParams  # noqa: E402
 from pdrbench_lab.learned.odometry.resnet import PARAMETERS, RONIN, TLIO, Ronin, Tlio, num_parameters  # noqa: E402

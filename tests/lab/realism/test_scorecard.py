@@ -23,11 +23,7 @@ pytestmark = pytest.mark.usefixtures("toys")
 
 
 def scorecard(
-    *names: str,
-    source: RealSource = DEFAULT,
-    stored: Targets = EMPTY,
-    seed: int = 0,
-    count: int | None = None,
+    *names: str, source: RealSource = DEFAULT, stored: Targets = EMPTY, seed: int = 0, count: int | None = None
 ) -> Scorecard:
     """Measured in this process: starting one takes seconds."""
     measured = [measure(name, source, seed, count) for name in names]

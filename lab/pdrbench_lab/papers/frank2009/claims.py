@@ -85,8 +85,7 @@ _RADIO: Final = (
 )
 _ALGORITHM: Final = (
     _misalignment.claim(
-        *("F8", "sensor turned by 40°: misalignment off by", "recovered"),
-        *(largest("off_by_deg"), Gate(high=1.0), "°"),
+        *("F8", "sensor turned by 40°: misalignment off by", "recovered"), *(largest("off_by_deg"), Gate(high=1.0), "°")
     ),
     _misalignment.claim(
         *("F8", "sensor turned by 40°: steps off by", "the same steps"),

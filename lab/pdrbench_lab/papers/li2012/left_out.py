@@ -122,10 +122,7 @@ def short_trials(
         yield np.concatenate([begun[0], later]), np.concatenate([begun[1], ended[1] + shift_s])
         lasts_s = rng.uniform(*TRIAL_S)
         from_s = rng.uniform(made_s[6], made_s[-6] - lasts_s)
-        yield (
-            _cut(accel, from_s, from_s + lasts_s),
-            made_s[(made_s >= from_s) & (made_s < from_s + lasts_s)],
-        )
+        yield (_cut(accel, from_s, from_s + lasts_s), made_s[(made_s >= from_s) & (made_s < from_s + lasts_s)])
 
 
 def _cut(accel: FloatArray, from_s: float, to_s: float) -> FloatArray:
@@ -232,11 +229,7 @@ REPRODUCTION: Final = Reproduction(
     paper="the settings of step_count, fitted without the people or the places that they are measured on",
     experiments=(
         Experiment(
-            "left_out",
-            "pdrbench_lab.papers.li2012.left_out:left_out",
-            seeds=1,
-            quick_seeds=1,
-            envs=("PhoneSteps-v1",),
+            "left_out", "pdrbench_lab.papers.li2012.left_out:left_out", seeds=1, quick_seeds=1, envs=("PhoneSteps-v1",)
         ),
     ),
     claims=_claims(),

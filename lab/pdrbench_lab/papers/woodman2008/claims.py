@@ -8,14 +8,7 @@ import numpy as np
 
 from pdrbench_lab.papers.woodman2008.misses import RADIO
 from pdrbench_lab.reproduce.number_text import SHARE
-from pdrbench_lab.reproduce.reproduction import (
-    Claim,
-    Experiment,
-    Gate,
-    Reproduction,
-    at_quantile,
-    pooled_percentile,
-)
+from pdrbench_lab.reproduce.reproduction import Claim, Experiment, Gate, Reproduction, at_quantile, pooled_percentile
 from pdrbench_lab.reproduce.reproduction import fraction_over_seeds as fraction_of
 from pdrbench_lab.reproduce.reproduction import largest_over_seeds as largest
 from pdrbench_lab.reproduce.reproduction import mean_over_seeds as mean
@@ -139,12 +132,10 @@ _WLAN: Final = (
     _starts.claim("W13", "longest extent of a cell", "8 m", largest("longest_cell_m"), Gate(high=8.0 + 1e-6), "m"),
     _starts.claim("W13", "fewest queries in a cell", "20", median("fewest_queries"), Gate(low=20)),
     _starts.claim(
-        *("W13", "starts where a strong access point was dropped", "not stated"),
-        *(fraction_of("dropped"), None, SHARE),
+        *("W13", "starts where a strong access point was dropped", "not stated"), *(fraction_of("dropped"), None, SHARE)
     ),
     _starts.claim(
-        *("W14", "starts of at most 151 000 particles", "136 000"),
-        *(fraction_of("small"), Gate(low=0.8), SHARE),
+        *("W14", "starts of at most 151 000 particles", "136 000"), *(fraction_of("small"), Gate(low=0.8), SHARE)
     ),
     _starts.claim("W14", "walker inside the region", "a key requirement", fraction_of("inside"), Gate(low=0.99), SHARE),
     _starts.claim("W14", "particles of the WLAN prior, median start", "136 000", median("particles", at_quantile(0.5))),
@@ -174,8 +165,7 @@ _DRIFT: Final = (
     *_errors_in_wing(_track_drift, "drift learned: "),
     *_tracking_clouds(_track_drift, "drift learned: "),
     _track_drift.claim(
-        *("W16", "drift learned: walker found at the end", "it is"),
-        *(fraction_of("correct_at_end"), None, SHARE),
+        *("W16", "drift learned: walker found at the end", "it is"), *(fraction_of("correct_at_end"), None, SHARE)
     ),
     _strides("W16", _track_drift, "drift learned: ", "not stated"),
     *_other_inputs(_wlan_drift, _blind_drift, "drift learned, "),
