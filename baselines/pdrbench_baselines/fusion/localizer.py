@@ -59,9 +59,9 @@ class Fusion(NetworkLocalizer):
     people are likelier to walk where the survey was walked. Where the start is not known, the first scan puts a
     cloud on every level that the map does not join, by the radio map of `gp_wifi`; each scan says how likely each
     cloud is, and the answer is that of the likeliest: the mean of its particles where the start is known, else their
-    geometric median. `revise` gives the past by lines through its clouds. Where walls stop nearly all
-    particles again and again, the plan, or the start on it, is wrong, and a cloud that walks in open space since the
-    start goes on in its place: `debug` says so.
+    geometric median. `revise` gives the past by lines through its clouds. Where walls stop nearly all particles again
+    and again, the plan, or the start on it, is wrong, and a cloud that walks in open space since the start goes on in
+    its place: `debug` says so. Where scans have a phone's bearer somewhere else, half of the cloud is put there.
 
     Args:
         params: See `FusionParams`.
