@@ -6,12 +6,12 @@ reason, and so is an id that two packages register.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import importlib
 import importlib.util
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -303,7 +303,9 @@ def task_place(name: str) -> str | None:
             raise PluginError(f"{name} names a file and no function in it; write {file}:task")
         return f"{Path(file).absolute()}:{function}"
     path = Path(name).absolute()
-    is_folder = os.path.isdir(path)  # noqa: PTH112  where a name is too long `Path.is_dir` raises
+    is_folder, is_file = False, False
+    with contextlib.suppress(OSError):  # a name too long for the system
+        is_folder, is_file = path.is_dir(), path.is_file()
     if is_folder and not (path / TASK_FILE).is_file():
         raise PluginError(
             f"{name} is a folder without {TASK_FILE}; write one, or let `pdrbench try FILE...` write it for recordings"
@@ -311,7 +313,7 @@ def task_place(name: str) -> str | None:
     if is_folder:
         return str(path / TASK_FILE)
     if path.suffix == ".toml" or "/" in plain:
-        if not os.path.isfile(path):  # noqa: PTH113
+        if not is_file:
             raise PluginError(
                 f"no file or folder {name}; an environment is an id, a folder with {TASK_FILE}, or file.py:function"
             )

@@ -12,7 +12,7 @@ from pdrbench.geometry import BoolArray, FloatArray
 SHORTEST_S: Final = 0.018  # a shorter gap is crossed by the mean of its two ends
 MEMORY_S: Final = 30.0  # in which earlier strides are looked for
 MATCHED_S: Final = 0.8  # before the gap, that has to go alike: two strides differ where they began
-LEAST_MATCHED_S: Final = 0.3  # and how far apart two strides begin at least
+MIN_MATCHED_S: Final = 0.3  # and how far apart two strides begin at least
 FADES_S: Final = 0.3  # a sample before the gap counts less by a factor of e where it is so much older
 NUM_ALIKE: Final = 3  # strides whose mean is carried on
 AFTER_WEIGHT: Final = 60.0  # samples that the one after the gap counts as
@@ -74,7 +74,7 @@ class GapFiller:
         begin_s, end_s = seen[-1, 0], after[0]
         count = max(round((end_s - begin_s) * self._rate_hz) - 1, 1)
         matched = min(round(MATCHED_S * self._rate_hz), len(seen) - count - 3)
-        if matched < LEAST_MATCHED_S * self._rate_hz:
+        if matched < MIN_MATCHED_S * self._rate_hz:
             return seen[:0]
         values, scaled, after = seen[:, 1:], seen[:, 1:] / SCALE, after[1:]
         windows, faded = scaled[: len(seen) - count - 1], np.exp(np.arange(-matched, 0) / (FADES_S * self._rate_hz))
@@ -84,7 +84,7 @@ class GapFiller:
         off += AFTER_WEIGHT * np.square(scaled[matched + count :][: len(off)] - after / SCALE).sum(axis=1)
         t_s = begin_s + (end_s - begin_s) * np.arange(1, count + 1) / (count + 1)
         ends = np.sinh(np.column_stack([end_s - t_s, t_s - begin_s]) / BLEND_S) / np.sinh((end_s - begin_s) / BLEND_S)
-        strides, apart = list[FloatArray](), round(LEAST_MATCHED_S * self._rate_hz)
+        strides, apart = list[FloatArray](), round(MIN_MATCHED_S * self._rate_hz)
         while len(strides) < NUM_ALIKE and off.min() < np.inf:
             begin = matched + int(off.argmin())  # of what is carried on, and led over into what was measured
             off[max(begin - matched - apart, 0) : begin - matched + apart] = np.inf

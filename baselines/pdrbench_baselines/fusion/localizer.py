@@ -100,6 +100,8 @@ class Fusion(NetworkLocalizer):
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
             self._hypotheses.append(self._followed(cloud, start.level, 0.0))
             self._free = self._new_free(start)
+            if self._free is not None and radio is not None:
+                self._lost = ScanBelief(own.lost, own.map.scale_sigma, radio, start, self._rng.spawn(1)[0])
             if briefing.building is not None and self.leaves_plans:
                 self._open = self._beside(start, cloud)
                 (floor_m,), _ = level_map(self._building, start.level).nearest(np.array([start.xy_m]), start.level)
@@ -243,7 +245,6 @@ class Fusion(NetworkLocalizer):
         radio, compass, own = self._radio, self._compass, self._own
         if compass is None or radio is None or radio.building is None or radio.radio_map.surveyed:
             return None
-        self._lost = ScanBelief(own.lost, radio, start)
         sigma_m = max(self._map_params.start_sigma_m, start.radius_m / 2)
         (rng,) = self._rng.spawn(1)
         return FreeCloud(own.free, self._map_params, np.array(start.xy_m), sigma_m, compass, radio, rng)
@@ -329,26 +330,22 @@ class Fusion(NetworkLocalizer):
                 self._find(each.cloud, self._free)
             if self._lost is not None and each is self._hypotheses[0]:
                 self._lost.weigh_by(log_likelihood, now_s, each.cloud.level, gain)
-                self._recover(each.cloud, self._lost)
+                if self._find(each.cloud, self._lost):
+                    self._doubt = 0.0
             each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
         self._focus()
 
-    def _find(self, cloud: Cloud, free: FreeCloud) -> None:
-        """Puts part of a cloud where walls would not have let it go, once the evidence for that is far better."""
-        p = free.params
-        if free.lead > p.lead:
-            cloud.take(free.draw(round(p.fraction * cloud.num_particles)))
-            free.lead = 0.0
-
-    def _recover(self, cloud: Cloud, lost: ScanBelief) -> None:
-        """Puts part of a cloud that is lost where scans have it, in any direction."""
-        p = lost.params
-        if lost.lead > p.lead:
-            (rng,) = self._rng.spawn(1)
-            cloud.take(lost.draw(round(p.fraction * cloud.num_particles), self._map_params.scale_sigma, rng))
-            lost.lead, self._doubt = 0.0, 0.0
+    def _find(self, cloud: Cloud, beside: FreeCloud | ScanBelief) -> bool:
+        """Puts part of a cloud where walls, or displacements, would not have let it go, once the evidence for that is
+        far better; whether it did."""
+        p = beside.params
+        is_found = beside.lead > p.lead
+        if is_found:
+            cloud.take(beside.draw(round(p.fraction * cloud.num_particles)))
+            beside.lead = 0.0
+        return is_found
 
     def _focus(self) -> None:
         """Reports to the radio evidence on which levels, and with which offsets, particles still are, or may get to."""

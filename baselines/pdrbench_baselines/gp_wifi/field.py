@@ -153,7 +153,7 @@ class SignalMap:
         return [parts[one] if known else None for one, known in zip(column.tolist(), is_known.tolist(), strict=True)]
 
     def near(self, start: Start, least_m: float) -> FloatArray:
-        """(N,) normal density about a start on its level; where nobody surveyed that, on all levels. Its sum is 1."""
+        """(N,) normal density about a start on its level; where that has no survey, on all levels. Its sum is 1."""
         away_m2 = ((self.xy_m - start.xy_m) ** 2).sum(axis=1) + np.where(self.level == start.level, 0.0, FAR_M2)
         density = np.exp(-0.5 * (away_m2 - away_m2.min()) / max(least_m, start.radius_m / 2) ** 2)
         return np.asarray(density / density.sum())

@@ -95,9 +95,9 @@ def _objects(content: bytes) -> bytes:
     inner = {key for row in rows for key, value in row.items() if isinstance(value, list) and _are_objects(value)}
     if len(inner) == 1:  # readings of a scan, or sensors of a time
         key = inner.pop()
-        told = ((k, row, row.get(key)) for k, row in enumerate(rows))
+        nested = ((k, row, row.get(key)) for k, row in enumerate(rows))
         rows = [
-            {**row, key: k, **one} for k, row, of in told if isinstance(of, list) and _are_objects(of) for one in of
+            {**row, key: k, **one} for k, row, of in nested if isinstance(of, list) and _are_objects(of) for one in of
         ]
     return b"\n".join([msgspec.json.encode(row) for row in rows]) or content
 

@@ -156,14 +156,14 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
         found = read_walk(path, content, table)
         reference, geo, left_out = places_of(path, table, found)
         unsaid = ["accel-sign"] if "foot" in (table.mounting, found.mounting) else []  # at any angle on a shoe
-        told = [one for one in getattr(found, "findings", ()) if one.severity != "note" and one.code not in unsaid]
+        reported = [one for one in getattr(found, "findings", ()) if one.severity != "note" and one.code not in unsaid]
         return FileFacts(
             geo=geo,
             first_s=float(reference.t_s[0]) if len(reference) else None,
             level=int(reference.level[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),
             end_s=last_row_s(found),
-            findings=(*map(str, told), *[left_out] * bool(left_out)),
+            findings=(*map(str, reported), *[left_out] * bool(left_out)),
             mounting=found.mounting,
             is_shoe=not found.mounting and moves_as_shoe(rows_of(found)),
         )

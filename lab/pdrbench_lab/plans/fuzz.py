@@ -554,23 +554,23 @@ def _redrawn(rng: np.random.Generator, content: bytes) -> bytes:
 
 
 def noise(rng: np.random.Generator) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """(H, W) black and white of at most a million pixels: blocks, blobs, meshes, rings, a plan to no one."""
+    """(H, W) black and white of at most a million pixels: blocks, blobs, meshes, rings; no plan."""
     from scipy import ndimage
 
     high, wide = (int(side) for side in rng.choice([300, 600, 900, 1000], 2))
-    share, size = float(rng.uniform(0.2, 0.9)), int(rng.choice([1, 2, 3, 4, 6, 8, 12, 20, 40]))
+    fraction, size = float(rng.uniform(0.2, 0.9)), int(rng.choice([1, 2, 3, 4, 6, 8, 12, 20, 40]))
     row, column = np.mgrid[:high, :wide]
     what = int(rng.integers(6))
     if what == 0:  # blocks
-        blocks = rng.random((high // size + 1, wide // size + 1)) < share
+        blocks = rng.random((high // size + 1, wide // size + 1)) < fraction
         is_bright = np.kron(blocks, np.ones((size, size), bool))[:high, :wide]
     elif what == 1:  # blobs
         smooth = ndimage.gaussian_filter(rng.random((high, wide)), size / 2)
-        is_bright = smooth < np.quantile(smooth, share)
+        is_bright = smooth < np.quantile(smooth, fraction)
     elif what == 2:  # a mesh with gaps
         is_line = (row % (4 * size) < 2) | (column % (4 * size) < 2)
         is_bright = ~is_line | (
-            ndimage.zoom(rng.random((high // size + 1, wide // size + 1)), size, order=0)[:high, :wide] > share
+            ndimage.zoom(rng.random((high // size + 1, wide // size + 1)), size, order=0)[:high, :wide] > fraction
         )
     elif what == 3:  # rings, cut by spokes
         far, turn = np.hypot(row - high / 2, column - wide / 2), np.arctan2(row - high / 2, column - wide / 2)
