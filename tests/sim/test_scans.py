@@ -13,7 +13,7 @@ from pdrbench.sensors.radio import WIFI
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.radio.networks import BANDS, OFFICE_NETWORKS, Networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, ScanError, ScanParams, scan_walks
-from pdrbench_sim.radio.wlan import PropagationParams, Receiver
+from pdrbench_sim.radio.wlan import PropagationParams, Receiver, draw_receiver
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +77,8 @@ def test_a_longer_path_begins_with_the_same_scans_and_many_walks_equal_each(netw
 
 
 def test_the_device_changes_values_and_not_the_listed_identifiers(networks: Networks, mall: Building):
+    assert Receiver(3.0, 1.1).reports(np.array([-60.0, -70.0])).tolist() == pytest.approx([-57.0, -68.0])
+    assert draw_receiver(np.random.default_rng(1)) != draw_receiver(np.random.default_rng(2))
     own = scan_walk(networks, np.random.default_rng(9), stroll(mall, 20.0))
     other = scan_walk(networks, np.random.default_rng(9), stroll(mall, 20.0), receiver=Receiver(offset_db=5.0))
     np.testing.assert_array_equal(own[:, 2] + 5.0, other[:, 2])

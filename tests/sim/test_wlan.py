@@ -1,25 +1,13 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.special import ndtr
 
 from pdrbench.building import Building, FloorPolygon
 from pdrbench.errors import MapError
-from pdrbench.recording import SensorStream
-from pdrbench.sensors.radio import WIFI
-from pdrbench_sim.radio.wlan import (
-    AccessPoints,
-    PropagationParams,
-    RadioField,
-    Receiver,
-    draw_receiver,
-    make_radio_field,
-)
+from pdrbench_sim.radio.wlan import AccessPoints, PropagationParams, RadioField, make_radio_field
 
-PLAIN = PropagationParams(shadow_sigma_db=0.0, fading_sigma_db=0.0, body_loss_db=(0.0, 0.0), detection_dbm=-300.0)
+PLAIN = PropagationParams(shadow_sigma_db=0.0)
 WALLS = [-1, -1, -1, -1]
 
 
@@ -94,39 +82,10 @@ def test_shadowing_has_the_measured_spread_and_correlation_length(office: Buildi
     np.testing.assert_allclose(found, np.exp([-0.1, -1.0, -2.0]), atol=3 * 0.07)
 
 
-def test_the_body_attenuates_senders_behind_it(hall: Building, rng: np.random.Generator):
-    field = field_of(hall, (0, 1.0, 4.0, 1.0), params=replace(PLAIN, body_loss_db=(6.0, 6.0)))
-    place = [0] * 3, [[11.0, 4.0]] * 3
-    facing, aside, away = field.receive(rng, [0, 1, 2], *place, [np.pi, np.pi / 2, 0.0])[:, 0]
-    assert (facing - aside, facing - away) == (3.0, 6.0)
-
-
-def test_detection_follows_its_curve_and_fading_its_spread(hall: Building, rng: np.random.Generator):
-    params = replace(PLAIN, detection_dbm=-32.0, fading_correlation_1s=0.0)
-    field = field_of(hall, (0, 1.0, 4.0, 1.0), params=params)
-    count = 4000
-    place = np.zeros(count, int), np.tile([[31.0, 4.0]], (count, 1))
-    rssi_dbm = field.receive(rng, np.arange(float(count)), *place, np.zeros(count))
-    expected = ndtr((-20 * np.log10(30.0) + 32.0) / 3.0)
-    assert (~np.isnan(rssi_dbm)).mean() == pytest.approx(expected, abs=3 * np.sqrt(0.25 / count))
-    fading = replace(PLAIN, fading_sigma_db=4.0)
-    rssi_dbm = field_of(hall, (0, 1.0, 4.0, 1.0), params=fading).receive(
-        rng, np.arange(float(count)), *place, np.zeros(count)
-    )
-    lag = np.corrcoef(rssi_dbm[:-1, 0], rssi_dbm[1:, 0])[0, 1]
-    assert lag == pytest.approx(0.8, abs=0.03)  # about (1 - 0.64) / sqrt(4000) times 5
-    assert np.std(rssi_dbm) == pytest.approx(4.0, abs=0.6)  # 4000 samples, 9 of them as good as one
-
-
-def test_a_device_reports_its_own_scale_and_detects_the_same(hall: Building):
-    assert Receiver(3.0, 1.1).reports(np.array([-60.0, -70.0])).tolist() == pytest.approx([-57.0, -68.0])
-    field = field_of(hall, (0, 1.0, 4.0, 1.0), params=replace(PLAIN, detection_dbm=-35.0))
-    place = np.arange(50.0), np.zeros(50, int), np.tile([[51.0, 4.0]], (50, 1)), np.zeros(50)
-    own = field.receive(np.random.default_rng(0), *place)
-    other = field.receive(np.random.default_rng(0), *place, receiver=Receiver(offset_db=7.0))
-    np.testing.assert_array_equal(np.isnan(own), np.isnan(other))
-    np.testing.assert_array_equal(own + 7.0, other)
-    assert draw_receiver(np.random.default_rng(1)) != draw_receiver(np.random.default_rng(2))
+def test_the_body_attenuates_senders_behind_it(hall: Building):
+    field = field_of(hall, (0, 1.0, 4.0, 1.0))
+    loss_db = field.body_loss_db(np.tile([11.0, 4.0], (3, 1)), np.array([np.pi, np.pi / 2, 0.0]), 6.0)[:, 0]
+    assert loss_db.tolist() == pytest.approx([0.0, 3.0, 6.0])
 
 
 def test_access_points_are_spread_over_each_level_and_their_names_say_nothing(office: Building, field: RadioField):
@@ -144,24 +103,13 @@ def test_access_points_are_spread_over_each_level_and_their_names_say_nothing(of
     assert make_radio_field(np.random.default_rng(0), office).access_points.id.size == round(office.area_m2 / 70.0)
 
 
-def test_a_scan_is_rows_of_the_wifi_stream(field: RadioField, office: Building, rng: np.random.Generator):
-    polygon, xy_m = office.sample_uniform(rng, 6)
-    t_s, doors_open = 2.0 * np.arange(6), rng.random((6, field.num_doors)) < 0.5
-    rows = field.wifi_rows(t_s, field.receive(rng, t_s, polygon, xy_m, np.zeros(6), doors_open=doors_open))
-    SensorStream(WIFI, rows)  # shape, order and bounds
-    assert set(rows[:, 1]) <= set(field.access_points.id)
-    np.testing.assert_array_equal(rows[:, 2], rows[:, 2].round())
-    with pytest.raises(MapError, match="doors are open or not"):
-        field.receive(rng, [0.0], polygon[:1], xy_m[:1], [0.0], doors_open=np.array([1.0]))
-
-
 def test_same_generator_state_same_field(office: Building, field: RadioField):
     again = make_radio_field(np.random.default_rng(8), office, num_access_points=30)
     polygon, xy_m = office.sample_uniform(np.random.default_rng(4), 50)
-    one, same = (
-        f.receive(np.random.default_rng(3), np.arange(50.0), polygon, xy_m, np.zeros(50)) for f in (field, again)
-    )
+    one, same = (f.rssi_mean_dbm(office.level(polygon), xy_m, 1.0) for f in (field, again))
     np.testing.assert_array_equal(one, same)
+    with pytest.raises(MapError, match="doors are open or not"):
+        field.rssi_mean_dbm(0, xy_m[:1], 1.0, doors_open=np.array([1.0]))
     other = make_radio_field(np.random.default_rng(9), office, num_access_points=30)
     assert not np.array_equal(other.access_points.id, field.access_points.id)
     with pytest.raises(MapError, match="levels need an access point each"):

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from pdrbench.building import Building
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
-from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.radio.rays import Obstacles, obstacles
 
 FAINT_DBM: Final = -130.0  # below it no shadowing and no fading brings an access point back: the rest is not counted
@@ -180,55 +179,6 @@ class RadioField:
             loss_db += np.bincount(nth, weights=doors_db, minlength=len(place))
         return loss_db
 
-    def receive(
-        self,
-        rng: np.random.Generator,
-        t_s: ArrayLike,
-        polygon: ArrayLike,
-        xy_m: ArrayLike,
-        heading_rad: ArrayLike,
-        *,
-        doors_open: ArrayLike = True,
-        receiver: Receiver | None = None,
-    ) -> FloatArray:
-        """One scan at each of K places on the way of one receiver.
-
-        Args:
-            rng: Draws fading, the body's loss and what is noticed.
-            t_s: (K,) non-decreasing: what lies close in time fades alike.
-            polygon: (K,) int, floor polygon of each place.
-            xy_m: (K, 2).
-            heading_rad: (K,) where the bearer faces: the body is behind the receiver.
-            doors_open: As for `rssi_mean_dbm`.
-            receiver: None for one that reports what is.
-
-        Returns:
-            (K, A) whole dBm, NaN where an access point went unnoticed.
-        """
-        from scipy.special import ndtr
-
-        params, receiver = self.params, receiver or Receiver()
-        place_xy_m = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
-        rssi_dbm = self.rssi_mean_dbm(
-            self.building.level(polygon),
-            place_xy_m,
-            self.building.height(polygon) + params.receiver_height_m,
-            doors_open=doors_open,
-        )
-        max_loss_db = rng.uniform(*params.body_loss_db, size=(len(place_xy_m), 1))
-        rssi_dbm -= self.body_loss_db(place_xy_m, np.asarray(heading_rad, dtype=np.float64), max_loss_db)
-        rssi_dbm += self._fading_db(rng, np.asarray(t_s, dtype=np.float64))
-        is_noticed = rng.random(rssi_dbm.shape) < ndtr((rssi_dbm - params.detection_dbm) / params.detection_width_db)
-        received_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
-        return np.where(is_noticed, received_dbm, np.nan)
-
-    def wifi_rows(self, t_s: FloatArray, rssi_dbm: FloatArray) -> FloatArray:
-        """(n, 5) rows of the `wifi` stream: scans at times (K,) of what `receive` returns, (K, A)."""
-        scan, sender = np.nonzero(~np.isnan(rssi_dbm))
-        senders = self.access_points
-        columns = (t_s[scan], senders.id[sender], rssi_dbm[scan, sender], senders.frequency_mhz[sender])
-        return np.column_stack([*columns, np.zeros(len(scan))])
-
     def _doors(self, doors_open: ArrayLike, count: int) -> BoolArray:
         """(N, D) from one bool, (N,) or (N, D)."""
         given = np.asarray(doors_open)
@@ -251,11 +201,6 @@ class RadioField:
         turn_rad = np.arctan2(away[..., 1], away[..., 0]) - heading_rad[:, None]
         loss_db: FloatArray = max_loss_db * (1 - np.cos(turn_rad)) / 2
         return loss_db
-
-    def _fading_db(self, rng: np.random.Generator, t_s: FloatArray) -> FloatArray:
-        """(K, A) first-order autoregressive in time."""
-        noise = rng.standard_normal((len(t_s), len(self.access_points)))
-        return self.params.fading_sigma_db * autoregressive(noise, self.params.fading_correlation_1s ** np.diff(t_s))
 
 
 def make_radio_field(

@@ -7,6 +7,7 @@ from pdrbench.building import Building
 from pdrbench.errors import MapError
 from pdrbench.radio import divide
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
+from pdrbench_lab.papers.single_scans import receive, wifi_rows
 from pdrbench_lab.papers.woodman2008.survey import survey
 from pdrbench_sim.radio.wlan import RadioField, make_radio_field
 
@@ -36,7 +37,7 @@ def test_every_start_is_in_the_region_of_its_scan(field: RadioField, office: Bui
     polygon, xy_m = office.sample_uniform(rng, 400)
     doors = rng.random((400, field.num_doors)) < 0.5
     heading_rad, t_s = rng.uniform(-np.pi, np.pi, 400), 60.0 * np.arange(400)
-    rows = field.wifi_rows(t_s, field.receive(rng, t_s, polygon, xy_m, heading_rad, doors_open=doors))
+    rows = wifi_rows(field, t_s, receive(field, rng, t_s, polygon, xy_m, heading_rad, doors_open=doors))
     scans = [rows[rows[:, 0] == t] for t in t_s]
     regions = [seen.start(scan[:, 1], scan[:, 2]).region for scan in scans]
     inside = [region.contains(polygon[i], xy_m[i])[0] for i, region in enumerate(regions)]

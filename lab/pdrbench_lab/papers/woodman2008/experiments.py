@@ -226,6 +226,7 @@ def wlan_starts(seed: int) -> dict[str, Any]:
 
 def starts_of(seed: int, radio: PropagationParams, known_dbm: dict[bytes, FloatArray] | None = None) -> dict[str, Any]:
     """The same with access points and a receiver of one's own; receivers share what is known of a place."""
+    from pdrbench_lab.papers.single_scans import receive, wifi_rows
     from pdrbench_lab.papers.woodman2008.shared_field import SharedField
     from pdrbench_lab.papers.woodman2008.survey import survey
     from pdrbench_sim.radio.wlan import make_radio_field
@@ -242,7 +243,7 @@ def starts_of(seed: int, radio: PropagationParams, known_dbm: dict[bytes, FloatA
     doors_open = rng.random((STARTS, field.num_doors)) < 0.5
     t_s = 30.0 * np.arange(STARTS, dtype=np.float64)
     heading_rad = rng.uniform(-math.pi, math.pi, STARTS)
-    scans = field.wifi_rows(t_s, field.receive(rng, t_s, *place, heading_rad, doors_open=doors_open))
+    scans = wifi_rows(field, t_s, receive(field, rng, t_s, *place, heading_rad, doors_open=doors_open))
     particles = WoodmanFilter(building, rng)
     counts, starts = [], []
     for scan in (scans[scans[:, 0] == moment_s] for moment_s in t_s):

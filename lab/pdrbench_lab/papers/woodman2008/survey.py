@@ -10,6 +10,7 @@ from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.radio import Cells, survey_of_table
 from pdrbench.recording import RadioMap
+from pdrbench_lab.papers.single_scans import receive
 from pdrbench_sim.radio.wlan import RadioField
 from pdrbench_sim.resolution import rounded_survey
 
@@ -50,5 +51,5 @@ def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: i
     number = np.tile(np.arange(queries), cells.num_cells)
     heading_rad = 2 * math.pi * (number + rng.random(len(cell))) / queries
     t_s = 30.0 * np.arange(len(cell))  # far enough apart to fade on their own
-    rssi_dbm = field.receive(rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
+    rssi_dbm = receive(field, rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
     return rounded_survey(survey_of_table(xy_m, cells.level[cell], cell, rssi_dbm, field.access_points.id))

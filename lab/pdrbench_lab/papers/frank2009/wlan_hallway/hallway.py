@@ -24,6 +24,7 @@ from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
 from pdrbench_lab.papers.ring_floor import RingFloor, corridor_polygon, make_ring
+from pdrbench_lab.papers.single_scans import receive, wifi_rows
 from pdrbench_sim.fields.magnetic import FOOT_M, MagneticParams, Sheet
 from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.people.person import PersonParams, draw_person
@@ -136,8 +137,14 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, motion_m: float 
     pause_s = 60.0  # between points: the air is another one
     t_s = np.arange(len(point)) * SCAN_S + point * pause_s
     held_m = xy_m[point] + motion_m * _slight_motion(for_motion, len(s_m))
-    received_dbm = radio.receive(
-        for_air, t_s, corridor_polygon(radio.building, len(point)), held_m, facing_rad[point], doors_open=is_open[point]
+    received_dbm = receive(
+        radio,
+        for_air,
+        t_s,
+        corridor_polygon(radio.building, len(point)),
+        held_m,
+        facing_rad[point],
+        doors_open=is_open[point],
     )
     return rounded_survey(survey_of_table(xy_m[point], 0, point, received_dbm, radio.access_points.id))
 
@@ -196,8 +203,8 @@ def scan_hallway(rng: np.random.Generator, radio: RadioField, way: PhonePath) ->
     row = slice(round(SCAN_S * BODY_HZ), None, round(SCAN_S * BODY_HZ))
     place = way.t_s[row], way.polygon[row], way.xy_m[row], way.heading_rad[row]
     is_open = for_doors.random(radio.num_doors) < DOOR_OPEN_FRACTION
-    rssi_dbm = radio.receive(for_air, *place, doors_open=np.tile(is_open, (len(place[0]), 1)))
-    return radio.wifi_rows(place[0], rssi_dbm)
+    rssi_dbm = receive(radio, for_air, *place, doors_open=np.tile(is_open, (len(place[0]), 1)))
+    return wifi_rows(radio, place[0], rssi_dbm)
 
 
 def record_hallway(

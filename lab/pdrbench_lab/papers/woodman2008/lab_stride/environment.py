@@ -106,6 +106,7 @@ def load(walk: str) -> Recording:
 
 def load_wifi(walk: str) -> Recording:
     """The same walk with the scan that the person takes before the first stride, standing."""
+    from pdrbench_lab.papers.single_scans import receive, wifi_rows
     from pdrbench_sim.resolution import rounded_stream
 
     recording = load(walk)
@@ -116,8 +117,8 @@ def load_wifi(walk: str) -> Recording:
     heading_rad = recording.reference.heading_rad
     assert heading_rad is not None
     now_s = np.zeros(1)
-    rssi_dbm = field.receive(rng, now_s, rests.polygon[:1], rests.xy_m[:1], heading_rad[:1], doors_open=doors_open)
-    wifi = rounded_stream(SensorStream(WIFI, field.wifi_rows(now_s, rssi_dbm)))
+    rssi_dbm = receive(field, rng, now_s, rests.polygon[:1], rests.xy_m[:1], heading_rad[:1], doors_open=doors_open)
+    wifi = rounded_stream(SensorStream(WIFI, wifi_rows(field, now_s, rssi_dbm)))
     return replace(recording, streams={**recording.streams, "wifi": wifi})
 
 
