@@ -48,16 +48,9 @@ def survey_of_table(
         access_point: (A,) int identifier of each column; None for its number.
     """
     scan, column = np.nonzero(~np.isnan(rssi_dbm))
-    return RadioMap(
-        xy_m=xy_m,  # type: ignore[arg-type]
-        level=np.broadcast_to(level, np.shape(walk)),
-        walk=walk,  # type: ignore[arg-type]
-        first=np.searchsorted(scan, np.arange(len(rssi_dbm) + 1)),
-        access_point=column if access_point is None else access_point[column],
-        rssi_dbm=rssi_dbm[scan, column],
-        age_s=np.zeros(len(scan)),
-        surveyed=True,
-    )
+    known = column if access_point is None else access_point[column]
+    readings = np.column_stack([known, rssi_dbm[scan, column], np.zeros(len(scan))])
+    return survey_of_readings(xy_m, level, walk, np.bincount(scan, minlength=len(rssi_dbm)), readings, surveyed=True)
 
 
 def scans_of(radio_map: RadioMap, kept: BoolArray) -> RadioMap:

@@ -58,21 +58,18 @@ class HistogramTable:
         object.__setattr__(self, "_queries", _queries_of(self))
 
     @classmethod
-    def from_radio_map(
-        cls, radio_map: RadioMap, *, max_age_s: float = math.inf, count_unheard: bool = False
-    ) -> HistogramTable:
+    def from_radio_map(cls, radio_map: RadioMap, *, max_age_s: float = math.inf) -> HistogramTable:
         """Counts the readings of a survey.
 
         Scans at exactly the same place and level make one calibration point. A histogram is over the scans that
         received the access point: those that did not are not counted, as the paper has no bin for them, so that one
-        received in a tenth of the scans looks as well known as one received in all; `count_unheard` is the option
-        against this. Of an access point that stands twice in a scan the strongest reading counts. A place where nothing
-        was received is no calibration point: every scan would be nearest to it.
+        received in a tenth of the scans looks as well known as one received in all. Of an access point that stands
+        twice in a scan the strongest reading counts. A place where nothing was received is no calibration point: every
+        scan would be nearest to it.
 
         Args:
             radio_map: The survey.
             max_age_s: Readings older than this are left out: they were received somewhere else.
-            count_unheard: Scans at a point that lack an access point which others received there count as -100 dBm.
 
         Raises:
             RecordingError: The survey has no scan, or no reading that is fresh enough.
@@ -94,8 +91,7 @@ class HistogramTable:
         spoken = np.unique(point)
         point = np.searchsorted(spoken, point)
         bin_dbm = np.floor(radio_map.rssi_dbm[fresh[kept]] + 0.5).astype(np.int64)
-        num_scans = np.bincount(place_of_scan)[spoken] if count_unheard else None
-        histograms = _count(column[kept], point, bin_dbm, len(access_point), len(spoken), num_scans)
+        histograms = _count(column[kept], point, bin_dbm, len(access_point), len(spoken))
         at = first_scan[spoken]
         return cls(access_point, radio_map.xy_m[at], radio_map.level[at], *histograms)
 
@@ -108,22 +104,6 @@ class HistogramTable:
         """Memory of all arrays, those that queries read included."""
         own = self.access_point, self.xy_m, self.level, self.point, self.lowest_dbm, self.first_bin, self.count
         return sum(array.nbytes for array in (*own, *self._queries))
-
-    def histogram(self, point: int, access_point: int) -> tuple[IntArray, FloatArray]:
-        """What was measured at a calibration point.
-
-        Returns:
-            rssi_dbm: (k,) int, rising; empty where the access point was not received there.
-            probability: (k,) of each, above 0.
-        """
-        column, known = self._columns(np.array([access_point], dtype=np.float64))
-        low, high = self.first[column[0] : column[0] + 2]
-        rows = low + np.flatnonzero(self.point[low:high] == point)
-        if not known[0] or not len(rows):
-            return np.zeros(0, dtype=np.int64), np.zeros(0)
-        count = self.count[self.first_bin[rows[0]] : self.first_bin[rows[0] + 1]]
-        filled = np.flatnonzero(count)
-        return self.lowest_dbm[rows[0]] + filled, count[filled] / count.sum()
 
     def known(self, access_point: ArrayLike) -> BoolArray:
         """(n,) True for the access points that the survey received anywhere."""
@@ -303,22 +283,12 @@ def _strongest(reading_of: IntArray, rssi_dbm: FloatArray) -> IntArray:
 
 
 def _count(
-    column: IntArray, point: IntArray, bin_dbm: IntArray, num_columns: int, num_points: int, num_scans: IntArray | None
+    column: IntArray, point: IntArray, bin_dbm: IntArray, num_columns: int, num_points: int
 ) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray]:
-    """`first`, `point`, `lowest_dbm`, `first_bin` and `count` of a table.
-
-    Where `num_scans` (P,) is given, the scans at a point without a reading count in the bin of what is not received.
-    """
-    unheard = int(UNHEARD_DBM)
-    bottom = min(int(bin_dbm.min()), unheard)
-    span = max(int(bin_dbm.max()), unheard) - bottom + 1
+    """`first`, `point`, `lowest_dbm`, `first_bin` and `count` of a table."""
+    bottom = int(bin_dbm.min())
+    span = int(bin_dbm.max()) - bottom + 1
     key, number = np.unique((column * num_points + point) * span + bin_dbm - bottom, return_counts=True)
-    if num_scans is not None:
-        owner, of_owner = np.unique(key // span, return_inverse=True)
-        missed = num_scans[owner % num_points] - np.bincount(of_owner, weights=number).astype(np.int64)
-        key, of_key = np.unique(np.concatenate([key, owner * span + unheard - bottom]), return_inverse=True)
-        number = np.bincount(of_key, weights=np.concatenate([number, missed])).astype(np.int64)
-        key, number = key[number > 0], number[number > 0]
     histogram_of_key, dbm = key // span, key % span
     last = np.flatnonzero(np.diff(histogram_of_key, append=-1))
     begin = np.concatenate([[0], last[:-1] + 1])

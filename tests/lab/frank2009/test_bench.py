@@ -57,7 +57,7 @@ def test_nothing_is_left_to_compile_after_warming_up(rng: np.random.Generator) -
     radio_kernels.warm_up()
     known = [len(kernel.signatures) for kernel in KERNELS]
     case = radio.draw(rng, 20, 40, 3)
-    table = HistogramTable.from_radio_map(case.survey, count_unheard=True)
+    table = HistogramTable.from_radio_map(case.survey)
     matcher = ScanMatcher(case.survey, sensor_spec("wifi"))
     for access_point, rssi_dbm in zip(case.heard, case.rssi_dbm, strict=True):
         rows = np.column_stack([access_point, rssi_dbm])  # as a stream has them

@@ -48,9 +48,10 @@ def test_nearest_takes_missing_access_points_at_the_weakest_training_value(weake
 def test_rows_of_a_place_make_one_fingerprint_and_buildings_stay_apart(small: FingerprintSet) -> None:
     table = radio.histograms(small.train, pooled=True, count_unheard=False)
     assert table.xy_m[:, 0].tolist() == [0, 2, 4]
-    assert table.histogram(0, 1)[0].tolist() == [-70]
+    assert radio.histogram(table, 0, 1)[0].tolist() == [-70]
     counted = radio.histograms(small.train, pooled=True, count_unheard=True)
-    assert counted.histogram(0, 1)[0].tolist() == [-100, -70]
+    rssi_dbm, probability = radio.histogram(counted, 0, 1)
+    assert (rssi_dbm.tolist(), probability.tolist()) == ([-100, -70], [0.5, 0.5])
     assert len(radio.histograms(small.train, pooled=False, count_unheard=False)) == 5
 
 

@@ -16,6 +16,7 @@ from pdrbench_baselines.frank2009.localizer import Frank2009, WlanFrank2009
 from pdrbench_lab.drawing import draw_path
 from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.papers.frank2009.experiments import CASCADE, ENV, LAP_MARKS, LETTER, answers, errors_m
+from pdrbench_lab.papers.frank2009.radio import histogram
 from pdrbench_lab.papers.paper_walks import walk_of
 
 DPI: Final = 150
@@ -68,7 +69,7 @@ def _histograms(radio_map: Any) -> Any:
     """Fig. 5: histograms of three access points at one calibration point."""
     table = HistogramTable.from_radio_map(radio_map)
     point = len(table) // 3
-    heard = [found for ap in table.access_point.tolist() if len((found := table.histogram(point, ap))[0])]
+    heard = [found for ap in table.access_point.tolist() if len((found := histogram(table, point, ap))[0])]
     order = np.argsort([float(np.average(rssi_dbm, weights=weight)) for rssi_dbm, weight in heard])[::-1]
     chosen = order[np.linspace(0, len(order) - 1, min(HISTOGRAMS, len(order))).astype(int)]
     x_m, y_m = table.xy_m[point]

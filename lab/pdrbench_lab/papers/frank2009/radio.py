@@ -105,15 +105,38 @@ def histograms(train: SurveyRows, *, pooled: bool, count_unheard: bool) -> Histo
     Args:
         train: Rows to learn from.
         pooled: True where the rows at one place make a calibration point, False where each row is one.
-        count_unheard: As in `HistogramTable.from_radio_map`.
+        count_unheard: Rows at a point that lack an access point which others received there count as -100 dBm: the
+            paper does not count them.
     """
     row = np.arange(len(train))
     if pooled:
         place = np.column_stack([train.xy_m, train.level, train.building])
         _, first, number = np.unique(place, axis=0, return_index=True, return_inverse=True)
         row = first[number.ravel()]
+    if count_unheard:
+        is_heard = np.zeros(train.rssi_dbm.shape, dtype=np.bool_)
+        np.logical_or.at(is_heard, row, ~np.isnan(train.rssi_dbm))
+        unheard_dbm = np.where(is_heard[row], UNHEARD_DBM, np.nan)
+        train = replace(train, rssi_dbm=np.where(np.isnan(train.rssi_dbm), unheard_dbm, train.rssi_dbm))
     survey = replace(train.radio_map(), xy_m=np.column_stack([row, row]))
-    return HistogramTable.from_radio_map(survey, count_unheard=count_unheard)
+    return HistogramTable.from_radio_map(survey)
+
+
+def histogram(table: HistogramTable, point: int, access_point: int) -> tuple[IntArray, FloatArray]:
+    """What was measured at a calibration point.
+
+    Returns:
+        rssi_dbm: (k,) int, rising; empty where the access point was not received there.
+        probability: (k,) of each, above 0.
+    """
+    column = int(np.searchsorted(table.access_point, access_point))
+    low, high = table.first[column : column + 2]
+    rows = low + np.flatnonzero(table.point[low:high] == point)
+    if not len(rows):
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    count = table.count[table.first_bin[rows[0]] : table.first_bin[rows[0] + 1]]
+    filled = np.flatnonzero(count)
+    return table.lowest_dbm[rows[0]] + filled, count[filled] / count.sum()
 
 
 def matched(table: HistogramTable, scans: SurveyRows, unknown: Unknown) -> IntArray:
