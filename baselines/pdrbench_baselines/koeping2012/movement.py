@@ -7,7 +7,6 @@ in constant time.
 from __future__ import annotations
 
 import functools
-import time
 from dataclasses import dataclass
 from typing import Final
 
@@ -81,7 +80,6 @@ class MovementTable:
         to: (M,) int32, cell at the end of each entry.
         threshold: (M,) float32, fraction of the slot of an entry that leads to `to`.
         alias: (M,) int32, cell that the rest of the slot leads to.
-        build_s: Time it took to make.
     """
 
     cells: GridCells
@@ -90,17 +88,11 @@ class MovementTable:
     to: IntArray
     threshold: FloatArray
     alias: IntArray
-    build_s: float
 
     @property
     def num_cells(self) -> int:
         """Cells of the floor."""
         return len(self.cells)
-
-    @property
-    def num_entries(self) -> int:
-        """Movements."""
-        return len(self.to)
 
     @property
     def nbytes(self) -> int:
@@ -129,7 +121,6 @@ def build_table(building: Building, params: MovementParams | None = None) -> Mov
     Raises:
         MapError: The cells are so small that there are more than `MAX_CELLS`.
     """
-    began_s = time.perf_counter()
     params = params or MovementParams()
     if building.area_m2 > MAX_CELLS * params.cell_m**2:
         raise MapError(
@@ -148,7 +139,6 @@ def build_table(building: Building, params: MovementParams | None = None) -> Mov
         read_only(to, np.int32),
         read_only(threshold, np.float32),
         read_only(alias, np.int32),
-        time.perf_counter() - began_s,
     )
 
 
