@@ -14,6 +14,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from installed import declare
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "adding.md"
 WRONG = """
@@ -60,11 +61,8 @@ def add_from_outside(folder: Path) -> None:
         table.write('METRICS["bad_m"] = "my_walks.bad:BAD_M"\n')
     (declared,) = re.findall(r"^```toml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     points = tomllib.loads(declared)["project"]["entry-points"]
-    info = folder / "mine-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
     lines = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in of.items()) for group, of in points.items()]
-    (info / "entry_points.txt").write_text("".join(lines))
+    declare(folder, "mine", "".join(lines))
 
 
 def test_additions_are_listed_checked_and_used(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from installed import declare
 
 
 @pytest.fixture
@@ -14,11 +15,10 @@ def outside(tmp_path: Path) -> Path:
         'LOCALIZERS = {"rusty-v0": "outside_rusty:Rusty"}\nENVIRONMENTS = {"Rust-v0": "outside_rusty:task"}\n'
     )
     (tmp_path / "outside_rusty.py").write_text('print("on import")\nraise RuntimeError("rusted through")\n')
-    info = tmp_path / "outside-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: outside\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
+    declare(
+        tmp_path,
+        "outside",
         "[pdrbench.localizers]\nmine = outside_plugin:LOCALIZERS\ngone = outside_gone:LOCALIZERS\n"
-        "[pdrbench.environments]\nmine = outside_plugin:ENVIRONMENTS\n"
+        "[pdrbench.environments]\nmine = outside_plugin:ENVIRONMENTS\n",
     )
     return tmp_path

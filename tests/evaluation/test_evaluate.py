@@ -351,7 +351,7 @@ def test_provenance_names_the_inputs_of_a_result(localizer: Spec) -> None:
     about = result.provenance
     assert about["parameters"] == {"noise_m": 0.5}
     assert all(len(str(about[digest])) == 64 for digest in ("localizer_sha256", "key"))
-    assert about["environment"] == "corridor-plugin 0.1"
+    assert about["environment"] == "corridor-plugin 1.0"
     assert set(about["versions"]) == {"pdrbench", "numpy", "python"}  # type: ignore[call-overload]
     assert set(about["machine"]) == {"cpu", "cores", "system", "architecture"}  # type: ignore[call-overload]
 

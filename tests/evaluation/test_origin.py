@@ -48,7 +48,7 @@ def test_a_package_counts_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_an_environment_is_its_package_and_version_a_file_its_bytes(tmp_path: Path) -> None:
-    assert environment_version("Corridor-v0") == "corridor-plugin 0.1"
+    assert environment_version("Corridor-v0") == "corridor-plugin 1.0"
     file = tmp_path / "place.py"
     file.write_text("x = 1")
     before = environment_version(f"{file}:task")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from installed import importable
 from scipy import stats
 
 from pdrbench.errors import PdrbenchError, ResultError
@@ -19,8 +20,6 @@ from pdrbench.metrics import METRICS, POOLED
 from pdrbench.registry import make_task
 from pdrbench.result import Result
 
-from .conftest import clear_registry
-
 Spec = Callable[[str], str]
 
 
@@ -28,9 +27,7 @@ Spec = Callable[[str], str]
 def results(localizer: Spec, plugin_root: Path) -> Results:
     """Six walks, two seeds, three localizers, one of which declines; played and scored once, tests change copies."""
     specs = [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(plugin_root)
-        clear_registry()
+    with importable(plugin_root):
         found = evaluate(specs, "Corridor-v0", walks=6, seeds=2, isolation="none")
         assert found.scored
     return found

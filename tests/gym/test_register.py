@@ -6,6 +6,7 @@ import textwrap
 
 import gymnasium
 import pytest
+from installed import declare
 
 from pdrbench.registry import environments, make_task
 
@@ -22,10 +23,7 @@ def test_every_environment_is_registered_by_string() -> None:
 @pytest.mark.parametrize("module", ["raise RuntimeError('on import')", "ENVIRONMENTS = {'no id': 'a:b'}"])
 def test_a_broken_plug_in_does_not_break_the_import(tmp_path, module) -> None:
     (tmp_path / "broken_plugin.py").write_text(module)
-    meta = tmp_path / "broken_plugin-1.0.dist-info"
-    meta.mkdir()
-    (meta / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-plugin\nVersion: 1.0\n")
-    (meta / "entry_points.txt").write_text("[pdrbench.environments]\nbroken = broken_plugin:ENVIRONMENTS\n")
+    declare(tmp_path, "broken_plugin", "[pdrbench.environments]\nbroken = broken_plugin:ENVIRONMENTS\n")
     code = """
         import sys, warnings
         sys.path.insert(0, sys.argv[1])

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
+from installed import declare, importable
 
-from pdrbench import registry
 from pdrbench_leaderboard import boards
 from pdrbench_leaderboard.boards import Board, BoardEnvironment, Round
 from pdrbench_leaderboard.card import Card, card_toml
@@ -72,26 +70,14 @@ class Broken(Mine):
 '''
 
 
-def clear_registry() -> None:
-    registry._scan.cache_clear()
-    registry.registered_task.cache_clear()
-    importlib.invalidate_caches()
-
-
 @pytest.fixture(scope="package", autouse=True)
 def toy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The toy package is installed, as pip leaves it: a module, and the entry points of its distribution."""
     root = tmp_path_factory.mktemp("site")
     shutil.copy(Path(__file__).parent / "toy" / "toy_boards.py", root)
-    about = root / "toy_boards-0.1.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-boards\nVersion: 0.1\n")
-    (about / "entry_points.txt").write_text("[pdrbench.environments]\nx = toy_boards:ENVIRONMENTS\n")
-    sys.path.insert(0, str(root))
-    clear_registry()
-    yield
-    sys.path.remove(str(root))
-    clear_registry()
+    declare(root, "toy_boards", "[pdrbench.environments]\nx = toy_boards:ENVIRONMENTS\n")
+    with importable(root):
+        yield
 
 
 @pytest.fixture(scope="package")

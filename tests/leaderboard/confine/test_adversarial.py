@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from installed import declare
 from numba.core import caching
 
 import pdrbench_envs
@@ -121,10 +122,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
     for folder in (site, data, home, root / "localizers", root / "out", root / "tmp"):
         folder.mkdir()
     shutil.copy(PLUGIN, site)
-    about = site / "corridor_plugin-0.1.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: corridor-plugin\nVersion: 0.1\n")
-    (about / "entry_points.txt").write_text("[pdrbench.environments]\nx = corridor_plugin:ENVIRONMENTS\n")
+    declare(site, "corridor-plugin", "[pdrbench.environments]\nx = corridor_plugin:ENVIRONMENTS\n")
     for secret in (data / "truth.csv", root / "secret.txt", root / "removable.txt"):
         secret.write_text(SECRET)
     targets = {
