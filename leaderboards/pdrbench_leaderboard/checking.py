@@ -52,7 +52,7 @@ def separability(board: Board, tables: Sequence[Table]) -> Separability:
     return Separability(board.name, len(names), sum(of.num_pairs for of in tables), sum(of.num_apart for of in tables))
 
 
-def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Finding]:
+def check_board(root: Path, board: Board) -> Iterator[Finding]:
     """Checks every entry of a board and its table.
 
     An entry passes where its files belong together, and where the scores of some walks come out of its answers. What
@@ -61,7 +61,6 @@ def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Fi
     Args:
         root: Holds the boards.
         board: To be checked.
-        sampled: Walks of each part whose scores are computed again.
     """
     walks = read_walks(root / board.name)
     entries: list[Entry] = []
@@ -78,7 +77,7 @@ def check_board(root: Path, board: Board, sampled: int = SAMPLED) -> Iterator[Fi
         except PdrbenchError as error:
             yield Finding(f"{board.name}/{folder.name}", False, str(error))
     for of in walks.values():
-        yield from _scores(board, entries, of, sampled)
+        yield from _scores(board, entries, of)
     yield _table(root, board)
 
 
@@ -124,7 +123,7 @@ def disagree(mine_m: FloatArray, theirs_m: FloatArray) -> str:
     )
 
 
-def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: int) -> Iterator[Finding]:
+def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks) -> Iterator[Finding]:
     """Whether scores of the first walks come out of the answers."""
     name = f"{board.name}: {walks.env}, {walks.part}"
     if walks.part == PRIVATE:
@@ -141,7 +140,7 @@ def _scores(board: Board, entries: Sequence[Entry], walks: PartWalks, sampled: i
     try:
         names = opaque_names(listed, walks.part, secret)
         task = listed.task(walks.part, secret)
-        truths = [make_truth(task, task.load(names[walk.name])) for walk in walks.walks[:sampled]]
+        truths = [make_truth(task, task.load(names[walk.name])) for walk in walks.walks[:SAMPLED]]
     except (DatasetError, KeyError) as error:
         is_absent = isinstance(error, DatasetError)
         yield Finding(name, is_absent, f"not scored: {error}" if is_absent else "its walks are others by now")

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.ranking import NUM_ENTRIES, environment_weights, smallest_ratio
+from pdrbench.metrics.ranking import environment_weights, smallest_ratio
 from pdrbench.metrics.statistics import MIN_UNITS, Units, unit_codes
 
 MAX_FACTOR: Final = 1e6  # times as many walks: beyond, no number of walks is worth a line
@@ -104,19 +104,18 @@ def neighbour_error(spreads: Sequence[Mapping[str, Spread]], designs: Mapping[st
     return (float(np.median(errors)), float(np.median(of_degrees))) if errors else (math.nan, math.nan)
 
 
-def walks_for(ratio: float, error: float, degrees: float, walks: int, num_entries: int = NUM_ENTRIES) -> int | None:
-    """Walks that tell a ratio, units and walks of a unit in the same proportion; None where it is no number of walks.
+def walks_for(ratio: float, error: float, degrees: float, walks: int) -> int | None:
+    """Walks that tell a ratio among `NUM_ENTRIES` entries, in as many units per walk; None where no number does.
 
     Args:
         ratio: Above 1.
         error: Standard error of the logarithm of the ratio with `walks` walks.
         degrees: Of freedom of that.
         walks: Walks that give this error.
-        num_entries: For whose pairs p-values are corrected.
     """
 
     def tells(factor: float) -> bool:
-        return smallest_ratio(error / math.sqrt(factor), max(degrees * factor, 1.0), num_entries) <= ratio
+        return smallest_ratio(error / math.sqrt(factor), max(degrees * factor, 1.0)) <= ratio
 
     if not math.isfinite(error) or not tells(MAX_FACTOR):
         return None

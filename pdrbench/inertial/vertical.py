@@ -31,16 +31,6 @@ MAX_GAP_S: Final = 3.0  # in a longer gap anybody may have taken a lift
 PRESSURE_HPA: Final = (300.0, 1260.0)  # from the top of Everest to where sensors end; other rows are left out
 
 
-def height_m(pressure_hpa: FloatArray, reference_hpa: float) -> FloatArray:
-    """(n,) height above the place where the reference was read, by the hypsometric equation at 15 degrees Celsius.
-
-    >>> height_m(np.array([1013.25, 1012.65]), 1013.25).round(2).tolist()
-    [0.0, 5.0]
-    """
-    heights: FloatArray = SCALE_HEIGHT_M * np.log(reference_hpa / np.asarray(pressure_hpa, dtype=np.float64))
-    return heights
-
-
 def level_heights(building: Building) -> dict[int, float]:
     """Height of each level: the median of its floor polygons, weighed by area; stairs and lifts do not count."""
     heights: dict[int, float] = {}

@@ -134,23 +134,22 @@ def heading_share(
     return float(_claimed(held)[moving].mean())
 
 
-def median_slope(t_s: FloatArray, values: FloatArray, *, max_points: int = SLOPE_POINTS) -> float:
+def median_slope(t_s: FloatArray, values: FloatArray) -> float:
     """Slope of a line through points: the median over all pairs of (v_j - v_i) / (t_j - t_i), Theil 1950, Sen 1968.
 
     Least squares follows a single turn that was missed half way through a walk; this needs more than a quarter of all
-    points to be wrong. More than `max_points` points are first replaced by the medians of that many runs of
+    points to be wrong. More than `SLOPE_POINTS` points are first replaced by the medians of that many runs of
     consecutive ones, which leaves points on a line on it.
 
     Args:
         t_s: (n,) strictly increasing, n at least 2.
         values: (n,) anything over time.
-        max_points: Bounds the number of pairs.
 
     >>> median_slope(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([1.0, 3.0, 5.0, 7.0, 50.0]))
     2.0
     """
-    if len(t_s) > max_points:
-        size, longer = divmod(len(t_s), max_points)  # runs as `np.array_split` makes them, the longer ones first
+    if len(t_s) > SLOPE_POINTS:
+        size, longer = divmod(len(t_s), SLOPE_POINTS)  # runs as `np.array_split` makes them, the longer ones first
         parts = [(slice(longer * (size + 1)), size + 1), (slice(longer * (size + 1), None), size)]
         t_s, values = (
             np.concatenate([np.median(column[part].reshape(-1, width), axis=1) for part, width in parts])

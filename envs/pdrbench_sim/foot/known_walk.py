@@ -12,6 +12,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, to_world
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
 # Shapes of a swing over a fraction s in [0, 1]. Both rest, to the third derivative, at either end.
@@ -95,31 +96,18 @@ def walk(
         return values
 
     tilt, yaw = tilt_rad * _TILT(fraction), heading[stride] + turn_rad * _ALONG(fraction)
-    attitude = _about_z(yaw) @ _about_y(tilt)
-    back = np.swapaxes(attitude, 1, 2)
+    attitude = from_yaw_pitch_roll(yaw, tilt, np.zeros(len(tilt)))
+    matrices = np.stack([to_world(attitude, axis) for axis in np.eye(3)], axis=-1)
     force = along(2) + np.array([0.0, 0.0, GRAVITY_MPS2])
     spin = np.zeros((len(t_s), 3))
     spin[:, 2] = turn_rad * _rate(_ALONG, fraction, 1, swing_s)
-    gyro = (back @ spin[:, :, None])[:, :, 0]
+    gyro = to_world(inverse(attitude), spin)
     gyro[:, 1] += tilt_rad * _rate(_TILT, fraction, 1, swing_s)
-    accel = (back @ force[:, :, None])[:, :, 0]
+    accel = to_world(inverse(attitude), force)
     is_rest = (fraction <= 0.0) | (fraction >= 1.0)
-    return FootMotion(t_s, accel, gyro, before_m[stride] + along(0), along(1), attitude, is_rest)
+    return FootMotion(t_s, accel, gyro, before_m[stride] + along(0), along(1), matrices, is_rest)
 
 
 def _rate(shape: Polynomial, fraction: FloatArray, order: int, swing_s: float) -> FloatArray:
     """(n,) derivative by time, of the given order."""
     return np.asarray(shape.deriv(order)(fraction) / swing_s**order)
-
-
-def _about_z(angle: FloatArray) -> FloatArray:
-    c, s = np.cos(angle), np.sin(angle)
-    turned = np.zeros((len(angle), 3, 3))
-    turned[:, :2, :2] = np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
-    turned[:, 2, 2] = 1.0
-    return turned
-
-
-def _about_y(angle: FloatArray) -> FloatArray:
-    order = [1, 2, 0]  # z, x, y are cyclic
-    return np.ascontiguousarray(_about_z(angle)[:, order][:, :, order])
