@@ -361,7 +361,6 @@ def _pack(
     planes = np.array([(*line.normal, line.offset_m) for of_face in lines for line in of_face])
     heights = [building.polygons[polygon].height_m for polygon in owner]
     of_faces = np.split(planes, first_line[1:-1])
-    boxes = [_inner_box(face, own, tolerance_m) for face, own in zip(faces, of_faces, strict=True)]
     return ConvexMap(
         origin_xy_m=read_only(origin),
         polygon=read_only(owner, np.int32),
@@ -372,7 +371,7 @@ def _pack(
             first_portal=read_only(first_portal, np.int32),
             portal=read_only([portal[:2] for portal in portals] or np.zeros((0, 2)), np.float32),
             neighbour=read_only([portal[2:] for portal in portals] or np.zeros((0, 2)), np.int32),
-            box_m=read_only(boxes, np.float32),
+            box_m=read_only(_inner_boxes(faces, of_faces, tolerance_m), np.float32),
             height_m=read_only(heights, np.float32),
         ),
         first_corner=read_only(np.concatenate([[0], np.cumsum([len(face) for face in faces])]), np.int32),
@@ -381,23 +380,31 @@ def _pack(
     )
 
 
-def _inner_box(face: Sequence[_Side], planes: FloatArray, margin_m: float) -> tuple[float, float, float, float]:
-    """A large axis-parallel box inside a convex face: the best of a grid of centres and aspect ratios.
+def _inner_boxes(faces: Sequence[Sequence[_Side]], of_faces: Sequence[FloatArray], margin_m: float) -> FloatArray:
+    """(K, 4) a large axis-parallel box inside each convex face: the best of a grid of centres and aspect ratios.
 
     Around a centre p a box with half sides k a, k b fits while k (|n_x| a + |n_y| b) <= c - n p for every plane.
     """
-    corners = np.array([side.start for side in face])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    centres = np.vstack([(low + high)[None] / 2, corners.mean(axis=0)[None], low + _BOX_CENTRES * (high - low)])
-    aspects = np.concatenate([[(high - low)[0] / (high - low)[1]], _BOX_ASPECTS])
-    halves = np.column_stack([np.sqrt(aspects), 1 / np.sqrt(aspects)])
-    room = planes[:, 2] - margin_m - centres @ planes[:, :2].T  # (C, L)
-    need = halves @ np.abs(planes[:, :2]).T  # (A, L)
-    scale = np.maximum((room[:, None, :] / need[None]).min(axis=2), 0.0)
-    centre, aspect = np.unravel_index(int(scale.argmax()), scale.shape)
-    half = scale[centre, aspect] * halves[aspect]
-    (x0, y0), (x1, y1) = centres[centre] - half, centres[centre] + half
-    return float(x0), float(y0), float(x1), float(y1)
+    corners_m = np.array([side.start for face in faces for side in face])
+    first, count = np.cumsum([0, *(len(face) for face in faces[:-1])]), np.array([[len(face)] for face in faces])
+    low, high = (one.reduceat(corners_m, first) for one in _BOUNDS)
+    middle = np.stack([(low + high) / 2, np.add.reduceat(corners_m, first) / count], axis=1)
+    centres = np.concatenate([middle, low[:, None] + _BOX_CENTRES * (high - low)[:, None]], axis=1)  # (K, C, 2)
+    (wide_m, long_m), usual = (high - low).T, np.broadcast_to(_BOX_ASPECTS, (len(faces), len(_BOX_ASPECTS)))
+    aspects = np.column_stack([wide_m / long_m, usual])
+    halves = np.stack([np.sqrt(aspects), 1 / np.sqrt(aspects)], axis=2)  # (K, A, 2)
+    scale = np.full((*centres.shape[:2], aspects.shape[1]), np.inf)
+    for i in range(max(map(len, of_faces))):
+        has = np.flatnonzero([len(planes) > i for planes in of_faces])
+        planes = np.array([of_faces[k][i] for k in has.tolist()])
+        room = planes[:, 2, None] - margin_m - np.einsum("kcx,kx->kc", centres[has], planes[:, :2])
+        need = np.einsum("kax,kx->ka", halves[has], np.abs(planes[:, :2]))
+        scale[has] = np.minimum(scale[has], room[:, :, None] / need[:, None])
+    best = scale.reshape(len(faces), -1).argmax(axis=1)
+    centre, aspect = np.divmod(best, aspects.shape[1])
+    every = np.arange(len(faces))
+    half = np.maximum(scale[every, centre, aspect, None], 0.0) * halves[every, aspect]
+    return np.hstack([centres[every, centre] - half, centres[every, centre] + half])
 
 
 def _fan(parts: Any, owner: IntArray) -> tuple[FloatArray, IntArray]:

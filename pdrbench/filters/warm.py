@@ -8,6 +8,7 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.building.convex import compile_map
 from pdrbench.filters.map_filter import centre
 from pdrbench.filters.map_walk import walk
+from pdrbench.filters.resampling import systematic
 
 WARM_UPS = dict.fromkeys(("pdrbench.building", "pdrbench.filters"), "pdrbench.filters.warm:warm_up") | {
     "pdrbench.radio": "pdrbench.radio.kernels:warm_up"
@@ -22,6 +23,7 @@ def warm_up() -> None:
     convex = compile_map(building)
     walk(convex, place - convex.origin_xy_m, target - convex.origin_xy_m, np.zeros(1, dtype=np.int32))
     centre(place)
+    systematic(np.ones(2), 0.5)
 
 
 def two_rooms() -> Building:

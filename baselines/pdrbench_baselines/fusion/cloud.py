@@ -43,6 +43,7 @@ class Cloud(LearnedMapFilter):
     ) -> None:
         self._is_open = is_open
         self._median_m: FloatArray | None = None
+        self._mean_bias_rad: float | None = None
         self._may_be_turned = False
         super().__init__(building, rng, params, level)
         self._radio = radio
@@ -74,7 +75,10 @@ class Cloud(LearnedMapFilter):
     @property
     def mean_bias_rad(self) -> float:
         """Error of headings; on a circle where particles may walk in any direction."""
-        return float(np.angle(np.exp(1j * self.bias_rad).mean())) if self._may_be_turned else super().mean_bias_rad
+        if self._mean_bias_rad is None:
+            turned = float(np.angle(np.exp(1j * self.bias_rad).mean())) if self._may_be_turned else None
+            self._mean_bias_rad = super().mean_bias_rad if turned is None else turned
+        return self._mean_bias_rad
 
     @property
     def mean_offset_db(self) -> float:
@@ -145,19 +149,13 @@ class Cloud(LearnedMapFilter):
         self._locate(on_level=True)
         return gain
 
-    def turn(self, turn_rad: float, compass: CompassMean) -> float:
-        """Particles keep their headings while the frame of displacements turns; the compass chooses between them.
-
-        Returns:
-            By how much the logarithm of the mean weight grows.
-        """
+    def turn(self, turn_rad: float, compass: CompassMean) -> None:
+        """Particles keep their headings while the frame of displacements turns; the compass chooses between them."""
         before_rad, self.bias_rad = self.bias_rad, self.bias_rad - turn_rad
         gain = compass.log_gain(before_rad, self.bias_rad)
         start, jitter = self._rng_scans.spawn(2)
-        weight = np.exp(gain - gain.max())
-        self._choose(systematic(weight, start.random()), jitter)
+        self._choose(systematic(np.exp(gain - gain.max()), start.random()), jitter)
         self._locate(on_level=True)
-        return float(gain.max() + np.log(weight.mean()))
 
     def take(self, states: States) -> None:
         """Puts particles, drawn at random, in other states, on the nearest floor of the level."""
@@ -181,7 +179,7 @@ class Cloud(LearnedMapFilter):
 
     def _locate(self, *, on_level: bool = False) -> None:
         super()._locate(on_level=on_level)
-        self._median_m = None
+        self._median_m = self._mean_bias_rad = None
 
     def _on_map(self) -> BoolArray:
         """(N,) which places of the lattice are on levels of this cloud."""

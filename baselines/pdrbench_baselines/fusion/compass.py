@@ -52,11 +52,6 @@ class CompassMean:
         self._mean_rad, self._before_rad, self.spread_rad = mean_rad, self.spread_rad, self._spread_rad(now_s)
         return turn_rad
 
-    def draw_rad(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """(N,) errors of headings, as far as the mean is known now."""
-        drawn_rad: FloatArray = self.spread_rad * rng.standard_t(self._params.freedom, count)
-        return drawn_rad
-
     def log_gain(self, before_rad: FloatArray, after_rad: FloatArray) -> FloatArray:
         """(N,) by how much likelier headings became with the last update, that were off the mean by so much (N,)."""
         return self._log_density(after_rad / self.spread_rad) - self._log_density(before_rad / self._before_rad)

@@ -23,7 +23,6 @@ from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, Transition, 
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
-from pdrbench_baselines.fusion.free import FreeCloud
 from pdrbench_baselines.fusion.lost import ScanBelief
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import MARGIN_M, open_space
@@ -73,7 +72,6 @@ class Fusion(NetworkLocalizer):
         super().__init__()
         self._own = params
         self._radio: RadioEvidence | None = None
-        self._free: FreeCloud | None = None
         self._lost: ScanBelief | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -82,10 +80,11 @@ class Fusion(NetworkLocalizer):
         if start is None and radio is None:
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
         is_known_phone = start is not None and briefing.carrier == PHONE
-        factor = own.interpolated_length_factor if is_known_phone and _is_interpolated(briefing.radio_map) else 1.0
+        is_interpolated = briefing.radio_map is not None and not briefing.radio_map.surveyed
+        factor = own.interpolated_length_factor if is_known_phone and is_interpolated else 1.0
         self._begin(briefing, factor, own.companions if is_known_phone else ())
         self._building, self._rng = briefing.building or open_space(briefing.radio_map, start), rng
-        self._compass, self._map_params, self._free, self._lost = None, own.map, None, None
+        self._compass, self._map_params, self._lost = None, own.map, None
         if self._reckoner.has_compass:
             compass = own.open_compass if briefing.building is None else own.compass
             self._compass = CompassMean(compass)
@@ -99,8 +98,7 @@ class Fusion(NetworkLocalizer):
             cloud = self._new_cloud(start.level)
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
             self._hypotheses.append(self._followed(cloud, start.level, 0.0))
-            self._free = self._new_free(start)
-            if self._free is not None and radio is not None:
+            if self._compass is not None and radio is not None and radio.building is not None and is_interpolated:
                 self._lost = ScanBelief(own.lost, own.map.scale_sigma, radio, start, self._rng.spawn(1)[0])
             if briefing.building is not None and self.leaves_plans:
                 self._open = self._beside(start, cloud)
@@ -241,14 +239,6 @@ class Fusion(NetworkLocalizer):
             return self._map_params
         return replace(self._map_params, bias_sigma_rad=self._compass.spread_rad)
 
-    def _new_free(self, start: Start) -> FreeCloud | None:
-        radio, compass, own = self._radio, self._compass, self._own
-        if compass is None or radio is None or radio.building is None or radio.radio_map.surveyed:
-            return None
-        sigma_m = max(self._map_params.start_sigma_m, start.radius_m / 2)
-        (rng,) = self._rng.spawn(1)
-        return FreeCloud(own.free, self._map_params, np.array(start.xy_m), sigma_m, compass, radio, rng)
-
     def _beside(self, start: Start, cloud: Cloud) -> tuple[Hypothesis, CompassMean | None]:
         """A cloud in open space from the same start, with its compass, in case the plan is wrong."""
         own, radio_map = self._own, None if self._radio is None else self._radio.radio_map
@@ -281,7 +271,7 @@ class Fusion(NetworkLocalizer):
         if self._open is not None:
             beside, self._compass = self._open
             self._hypotheses, self._building = [beside], beside.floor
-            self._open, self._free, self._plan_is_wrong = None, None, True
+            self._open, self._plan_is_wrong = None, True
             warnings.warn("fusion: the plan, or the start on it, is wrong: walls are left out", RecordingWarning, 2)
 
     def _followed(self, cloud: Cloud, level: int, now_s: float, floor: Building | None = None) -> Hypothesis:
@@ -300,10 +290,7 @@ class Fusion(NetworkLocalizer):
             motion = motion_of(move, self._map_params, turn_rad)
             for each in self._hypotheses:
                 if compass is not None:
-                    gain = each.cloud.turn(turn_rad, compass)
-                    if self._free is not None:
-                        self._free.turn(turn_rad, compass, gain)
-                        self._free.move(move.move_m, move.covariance_m2)
+                    each.cloud.turn(turn_rad, compass)
                 each.cloud.move(move.move_m, move.covariance_m2)
                 now = stored(each.cloud, move.end_s, each.past.num_kept)
                 each.past.follow(now, move.end_s - EVERY_S, motion)
@@ -315,37 +302,26 @@ class Fusion(NetworkLocalizer):
     def _receive(self, log_likelihood: FloatArray, now_s: float) -> None:
         """Begins on every level where the first scan may have been received; later ones weigh clouds and particles."""
         assert self._radio is not None
+        own = self._own
         if not self._hypotheses:
             self._begin_everywhere(log_likelihood, now_s)
             return
         scans = self._scans_of(self._radio.radio_map)
         known = self._start_is_known
-        lost_fraction = scans.known_lost_fraction if known else self._own.lost_fraction
+        lost_fraction = scans.known_lost_fraction if known else own.lost_fraction
         for each in self._every:
             gain = each.cloud.weigh_by(
                 log_likelihood, lost_fraction, scans.turned_fraction, resets=known and scans.known_resets
             )
-            if self._free is not None and each is self._hypotheses[0]:
-                self._free.weigh_by(log_likelihood, each.cloud.level, gain)
-                self._find(each.cloud, self._free)
             if self._lost is not None and each is self._hypotheses[0]:
-                self._lost.weigh_by(log_likelihood, now_s, each.cloud.level, gain)
-                if self._find(each.cloud, self._lost):
-                    self._doubt = 0.0
+                self._lost.weigh_by(log_likelihood, now_s, each.cloud.xy_m, each.cloud.level, gain)
+                if self._lost.lead > own.lost.lead:
+                    each.cloud.take(self._lost.draw(round(own.lost.fraction * each.cloud.num_particles)))
+                    self._lost.lead = self._doubt = 0.0
             each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
-        least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
+        least = self._best.cloud.log_evidence + math.log(own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
         self._focus()
-
-    def _find(self, cloud: Cloud, beside: FreeCloud | ScanBelief) -> bool:
-        """Puts part of a cloud where walls, or displacements, would not have let it go, once the evidence for that is
-        far better; whether it did."""
-        p = beside.params
-        is_found = beside.lead > p.lead
-        if is_found:
-            cloud.take(beside.draw(round(p.fraction * cloud.num_particles)))
-            beside.lead = 0.0
-        return is_found
 
     def _focus(self) -> None:
         """Reports to the radio evidence on which levels, and with which offsets, particles still are, or may get to."""
@@ -354,8 +330,6 @@ class Fusion(NetworkLocalizer):
             stays = self._start_is_known and not self._scans_of(self._radio.radio_map).known_lost_fraction
             levels = [cloud.levels_now if stays else cloud.levels for cloud in clouds]
             is_left = np.mean([cloud.offset_fraction for cloud in clouds], axis=0) >= MIN_OFFSET
-            if self._free is not None:
-                is_left |= self._free.offset_fraction >= MIN_OFFSET
             self._radio.focus(frozenset().union(*levels), is_left)
 
     def _begin_everywhere(self, log_likelihood: FloatArray, now_s: float) -> None:
@@ -375,8 +349,3 @@ class Fusion(NetworkLocalizer):
             each.past.amend(stored(each.cloud, observation.now_s, each.past.num_kept))
         self._doubt = 0.0  # on stairs, walls are where the level is not known yet
         self._focus()
-
-
-def _is_interpolated(radio_map: RadioMap | None) -> bool:
-    """Whether there is a survey, and its places were interpolated instead of surveyed."""
-    return radio_map is not None and not radio_map.surveyed

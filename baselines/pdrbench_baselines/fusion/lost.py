@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.trajectory import Start
@@ -33,6 +34,8 @@ class LostParams:
         speed_mps: The belief spreads by so much per second, per axis.
         anywhere: Part of it that is spread over the level at every scan.
         start_sigma_m: Around the start, at least.
+        surveyed_m: While the cloud is farther than that from every scan of the survey, scans do not count: what the map
+            says there is guessed, and all places that were surveyed contradict it less.
     """
 
     lead: float = 8.0
@@ -40,6 +43,7 @@ class LostParams:
     speed_mps: float = 1.0
     anywhere: float = 0.003
     start_sigma_m: float = 2.0
+    surveyed_m: float = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,9 +77,21 @@ class ScanBelief:
         self.params, self._scale_sigma, self._radio, self._rng, self.lead = params, scale_sigma, radio, rng, 0.0
         self._level, self._scanned_s = start.level, 0.0
         self._belief: FloatArray = np.outer(radio.places.near(start, params.start_sigma_m), radio.prior)
+        survey = radio.radio_map
+        self._tree = {int(one): KDTree(survey.xy_m[survey.level == one]) for one in radio.places.levels}
 
-    def weigh_by(self, log_likelihood: FloatArray, now_s: float, level: int, cloud_gain: float) -> None:
-        """Weighs by the log-likelihoods (N, K) of a scan, for which the gain of `Cloud.weigh_by` is given."""
+    def weigh_by(
+        self, log_likelihood: FloatArray, now_s: float, cloud_m: FloatArray, level: int, cloud_gain: float
+    ) -> None:
+        """Weighs by the log-likelihoods (N, K) of a scan, for which the gain of `Cloud.weigh_by` is given.
+
+        Args:
+            log_likelihood: (N, K).
+            now_s: Time of the scan.
+            cloud_m: (2,) where the cloud is.
+            level: And on which level.
+            cloud_gain: What it gained.
+        """
         radio, p = self._radio, self.params
         if level not in radio.places.levels:
             return  # it has no survey
@@ -88,7 +104,8 @@ class ScanBelief:
         total = float(weight.sum())
         if total > 0.0:
             self._belief[here] = weight / total
-            self.lead = max(self.lead + math.log(total) - cloud_gain, 0.0)
+            if self._tree[level].query(cloud_m)[0] <= p.surveyed_m:
+                self.lead = max(self.lead + math.log(total) - cloud_gain, 0.0)
 
     def draw(self, count: int) -> States:
         """States of so many particles by the belief, which walk in any direction."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from pdrbench_baselines.fusion.compass import CompassParams
-from pdrbench_baselines.fusion.free import FreeParams
 from pdrbench_baselines.fusion.lost import LostParams
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
@@ -100,8 +99,6 @@ class FusionParams:
         doubt: The plan is taken for wrong once the logarithms of the fractions of particles that walls let through
             come to less than minus this, those of before counting 0.9 of themselves a second.
         lost: Of the belief by scans alone that shows that a cloud is lost, in the same case.
-        free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
-            survey were interpolated.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -123,7 +120,6 @@ class FusionParams:
     num_open: int = 1000
     doubt: float = 15.0
     lost: LostParams = field(default_factory=LostParams)
-    free: FreeParams = field(default_factory=FreeParams)
 
 
 FUSION: Final = FusionParams()

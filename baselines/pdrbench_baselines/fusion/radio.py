@@ -5,6 +5,7 @@ Fields are fitted and evaluated only on levels, and with offsets of the device, 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterator
 from typing import Final
@@ -19,6 +20,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.recording import RadioMap
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
+from pdrbench_baselines.gp_wifi.kernels import squares_at
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
@@ -68,16 +70,15 @@ class RadioEvidence:
         self.xy_m, self.level, self.lattice_m = self.places.xy_m, self.places.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
         self._reached: dict[int, FloatArray] = {}
-        self._square: dict[int, tuple[IntArray, BoolArray, FloatArray]] = {}
-        for level, low, high in zip(
-            self.places.levels.tolist(), self.places.first[:-1], self.places.first[1:], strict=True
-        ):
-            row = self.places.row[low:high] + 1  # an empty square all around
-            square = np.full(row.max(axis=0) + 2, -1)
+        size = (len(self.places.levels), *(self.places.row.max(axis=0) + 3))  # an empty square, or more, all around
+        self._nearest, self._is_beside = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)
+        self._corner_m = np.empty((size[0], 2))
+        for number, (low, high) in enumerate(itertools.pairwise(self.places.first)):
+            row, square = self.places.row[low:high] + 1, np.full(size[1:], -1)
             square[tuple(row.T)] = np.arange(low, high)
             away, nearest = distance_transform_edt(square < 0, return_indices=True)
-            corner_m = self.xy_m[low] - (row[0] + 0.5) * self.lattice_m
-            self._square[level] = square[tuple(nearest)], away <= BESIDE, corner_m
+            self._nearest[number], self._is_beside[number] = square[tuple(nearest)], away <= BESIDE
+            self._corner_m[number] = self.xy_m[low] - (row[0] + 0.5) * self.lattice_m
         self._off_legs = off_legs
         self.walked = self._walked(radio_map) if building is None else np.zeros(len(self.level))
         self.fingerprints: FingerprintEvidence | None = None
@@ -145,15 +146,8 @@ class RadioEvidence:
 
     def squares_at(self, xy_m: FloatArray, level: IntArray, *, nearest: bool = False) -> IntArray:
         """(M,) which place of the lattice places (M, 2) on levels (M,) are at; where none, the nearest, or -1."""
-        found = np.full(len(xy_m), -1)
-        for one, (square, is_beside, corner_m) in self._square.items():
-            here = np.flatnonzero(level == one)
-            if len(here):
-                row = np.floor((xy_m[here] - corner_m) / self.lattice_m).astype(np.int64)
-                inside = (row >= 0).all(axis=1) & (row < square.shape).all(axis=1)
-                at = tuple(np.clip(row, 0, np.array(square.shape) - 1).T)
-                found[here] = np.where(nearest | (inside & is_beside[at]), square[at], -1)
-        return found
+        squares = self.places.levels, self._nearest, self._is_beside, self._corner_m, self.lattice_m
+        return np.asarray(squares_at(xy_m, level, *squares, nearest))
 
     def _of_fields(self, rows: FloatArray) -> Iterator[FloatArray]:
         """(n, k) of each scan at the places and under the offsets that are left; none where fields are not trusted."""

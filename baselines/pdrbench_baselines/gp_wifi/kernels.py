@@ -24,6 +24,7 @@ def warm_up() -> None:
     equations(one > 0, one, one, zero, two, two)
     times_between(at[1], zero, np.ones(1), np.ones(1), np.zeros(1, dtype=np.bool_), 1)
     place = np.zeros((1, 2))
+    squares_at(place, zero, zero, np.zeros((1, 1, 1), dtype=np.int64), np.ones((1, 1, 1), np.bool_), place, 1.0, True)
     mixture(place, zero, place, zero, np.ones(1), 1.0, 1.0)
     mixtures(np.zeros((1, 1)), zero, place, zero, np.ones(1), np.ones(1))
 
@@ -51,12 +52,12 @@ def add_readings(
         log_odds = math.log(odds) - 0.5 * math.log(math.pi) if odds > 0.0 else -np.inf
         for e in range(first[r], first[r + 1]):
             half = 0.5 / (variance_db2[e] + noise_db2)
-            peak = log_odds + 0.5 * math.log(half)
+            peak, row, off_db = log_odds + 0.5 * math.log(half), found[at[e]], dbm - mean_dbm[e]
+            max_square = min(MAX_SQUARE, peak - TABLE_LOW)
             for k in range(len(offset_db)):
-                off_db = dbm - mean_dbm[e] - offset_db[k]
-                square = off_db * off_db * half
-                if square < MAX_SQUARE:
-                    found[at[e], k] += trust * _log1p_exp(table, peak - square)
+                square = (off_db - offset_db[k]) ** 2 * half
+                if square < max_square:
+                    row[k] += trust * _log1p_exp(table, peak - square)
 
 
 @compiled
@@ -91,13 +92,32 @@ def log1p_exp_table() -> FloatArray:
 
 @compiled
 def _log1p_exp(table: Any, a: Any) -> Any:
-    at = (a - TABLE_LOW) * PER_ONE
-    if at <= 0.0:
-        return 0.0
     if a >= TABLE_HIGH:
         return a
+    at = (a - TABLE_LOW) * PER_ONE
     low = int(at)
     return table[low] + (at - low) * (table[low + 1] - table[low])
+
+
+@compiled
+def squares_at(
+    xy_m: Any, level: Any, levels: Any, nearest: Any, is_beside: Any, corner_m: Any, side_m: float, is_any: bool
+) -> Any:
+    """(M,) what squares (L, X, Y) of levels (L,) with corners (L, 2) say at places (M, 2) on levels (M,); -1 of another
+    level, and, unless any place will do, of one that no square is beside."""
+    found = np.empty(len(xy_m), np.int64)
+    _, rows, columns = nearest.shape
+    for n in range(len(xy_m)):
+        found[n] = -1
+        for k in range(len(levels)):
+            if levels[k] == level[n]:
+                x = math.floor((xy_m[n, 0] - corner_m[k, 0]) / side_m)
+                y = math.floor((xy_m[n, 1] - corner_m[k, 1]) / side_m)
+                is_inside = 0 <= x < rows and 0 <= y < columns
+                x, y = min(max(x, 0), rows - 1), min(max(y, 0), columns - 1)
+                if is_any or (is_inside and is_beside[k, x, y]):
+                    found[n] = nearest[k, x, y]
+    return found
 
 
 @compiled
