@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sklearn.neighbors import NearestNeighbors
 
-from pdrbench.errors import DatasetError
+from pdrbench.errors import DatasetError, UnknownNameError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.registry import make_task
 from pdrbench.task import Task
@@ -84,3 +84,18 @@ def test_every_scan_is_in_one_walk_and_no_survey_has_its_place(task: Task, of: s
         assert not surveyed & {(*xy, level) for *xy, level in np.c_[way.xy_m, way.level]}
         assert Counter(map(tuple, np.c_[way.xy_m, way.level])).most_common(1)[0][1] <= 4
         assert (np.diff(way.xy_m, axis=0).any(axis=1) | (np.diff(way.level) != 0)).all()
+
+
+def test_a_set_of_ones_own_is_read_as_its_table_says(tmp_path: Path) -> None:
+    head, row = "MAC1,MAC2,ECoord,NCoord,FloorID,UserID", "-40,100,1.5,2.5,3,7"
+    (tmp_path / "CETC331").mkdir()
+    for part in ("Training", "Testing"):
+        (tmp_path / "CETC331" / f"{part}_CETC331.csv").write_text(f"{head}\n{row}\n")
+    found = wifi_fingerprints.read_set("SOD_CETC331", tmp_path).train
+    np.testing.assert_array_equal(found.rssi_dbm, [[-40, np.nan]])
+    assert (found.xy_m.tolist(), found.level.tolist()) == ([[1.5, 2.5]], [3])
+    with pytest.raises(UnknownNameError, match="SOD_SYL"):
+        wifi_fingerprints.read_set("SOD_SIL", tmp_path)
+    assert all(
+        {"train", "test", "missing", "licence", "source"} <= of.keys() for of in wifi_fingerprints.other_sets().values()
+    )
