@@ -11,15 +11,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.position import percentile
+from pdrbench.metrics.position import PercentileMethod, percentile
 
 
-def step_percentile_ms(step_s: FloatArray | None, *, quantile: float = 0.5) -> float:
+def step_percentile_ms(
+    step_s: FloatArray | None, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
+) -> float:
     """Percentile of the wall time per step in milliseconds, from (N,) seconds, NaN where not measured.
 
     `quantile` 1.0 is the slowest step.
     """
-    return 1000.0 * percentile(_measured(step_s), quantile)
+    return 1000.0 * percentile(_measured(step_s), quantile, method)
 
 
 def realtime_factor(step_s: FloatArray | None, period_s: float | None) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import level_differences
-from pdrbench.metrics.position import errors_m, mean, percentile
+from pdrbench.metrics.position import PercentileMethod, errors_m, mean, percentile
 from pdrbench.metrics.statistics import median
 from pdrbench.trajectory import Trajectory
 
@@ -228,9 +228,11 @@ def converged_mean_m(held: Held, reference: Trajectory) -> float:
     return mean(converged_errors_m(held, reference))
 
 
-def converged_percentile_m(held: Held, reference: Trajectory, *, quantile: float = 0.75) -> float:
-    """Percentile of `converged_errors_m` in metres; read it beside `converged_share`."""
-    return percentile(converged_errors_m(held, reference), quantile)
+def converged_percentile_m(
+    held: Held, reference: Trajectory, *, quantile: float = 0.75, method: PercentileMethod = "hazen"
+) -> float:
+    """Percentile of `converged_errors_m` in metres, by `method`; read it beside `converged_share`."""
+    return percentile(converged_errors_m(held, reference), quantile, method)
 
 
 def _next_s(times_s: FloatArray, after_s: float) -> float:

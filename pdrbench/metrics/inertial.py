@@ -23,7 +23,7 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.metrics.hold import HOLD_SLACK_S, Held
 from pdrbench.metrics.odometry import windows
-from pdrbench.metrics.position import errors_m, percentile, rms
+from pdrbench.metrics.position import PercentileMethod, errors_m, percentile, rms
 from pdrbench.trajectory import Trajectory
 
 ROUNDING: Final = 1e-6  # in seconds, metres or radians: multiples of a period are rounded
@@ -82,12 +82,13 @@ def heading_percentile_deg(
     reference: Trajectory,
     *,
     quantile: float = 0.95,
+    method: PercentileMethod = "hazen",
     min_speed_mps: float = 0.3,
     speed_window_s: float = 1.0,
 ) -> float:
-    """Percentile of the size of `heading_errors_rad` in degrees; NaN where `heading_mean_deg` is."""
+    """Percentile of the size of `heading_errors_rad` in degrees, by `method`; NaN where `heading_mean_deg` is."""
     _, error_rad = heading_errors_rad(held, reference, min_speed_mps=min_speed_mps, speed_window_s=speed_window_s)
-    return percentile(np.degrees(np.abs(error_rad)), quantile)
+    return percentile(np.degrees(np.abs(error_rad)), quantile, method)
 
 
 def heading_bias_deg(
@@ -176,30 +177,46 @@ def velocity_rmse_mps(held: Held, reference: Trajectory, *, window_s: float = 1.
     return rms(np.hypot(*(offset_m[last] - offset_m[first]).T) / (t_s[last] - t_s[first]))
 
 
-def eag_mps(held: Held, reference: Trajectory, *, min_elapsed_s: float = 1.0) -> float:
+def eag_mps(
+    held: Held, reference: Trajectory, *, min_elapsed_s: float = 1.0, method: PercentileMethod = "hazen"
+) -> float:
     """Error accumulation gradient in time, metres a second: median_k of e_k / (t_k - t_0), t_0 the first reference row.
 
     Surveyed rows within `min_elapsed_s` of the start are left out: the ratio is not defined at 0. NaN without others.
     """
-    return _gradient(held, reference, reference.t_s - reference.t_s[:1], min_elapsed_s)
+    return _gradient(held, reference, reference.t_s - reference.t_s[:1], min_elapsed_s, method)
 
 
-def eag_distance_pct(held: Held, reference: Trajectory, *, min_distance_m: float = 1.0, rate_hz: float = 1.0) -> float:
+def eag_distance_pct(
+    held: Held,
+    reference: Trajectory,
+    *,
+    min_distance_m: float = 1.0,
+    rate_hz: float = 1.0,
+    method: PercentileMethod = "hazen",
+) -> float:
     """Error accumulation gradient in distance, percent: 100 median_k of e_k / L_k.
 
     L_k is how far the reference walked up to row k, as `drift_pct` measures it, which is this ratio at the last row.
     Surveyed rows with an L_k below `min_distance_m` are left out; NaN without others.
     """
-    return _gradient(held, reference, walked_m(reference, rate_hz=rate_hz), min_distance_m, times=100.0)
+    return _gradient(held, reference, walked_m(reference, rate_hz=rate_hz), min_distance_m, method, times=100.0)
 
 
-def eag_turn_mprad(held: Held, reference: Trajectory, *, min_turn_rad: float = 1.0, leg_m: float = 1.0) -> float:
+def eag_turn_mprad(
+    held: Held,
+    reference: Trajectory,
+    *,
+    min_turn_rad: float = 1.0,
+    leg_m: float = 1.0,
+    method: PercentileMethod = "hazen",
+) -> float:
     """Error accumulation gradient in turned angle, metres a radian: median_k of e_k / A_k.
 
     A_k is the sum of all turns of the reference up to row k, left and right alike (`turned_rad`). Surveyed rows with an
     A_k below `min_turn_rad` are left out; NaN without others.
     """
-    return _gradient(held, reference, turned_rad(reference, leg_m=leg_m), min_turn_rad)
+    return _gradient(held, reference, turned_rad(reference, leg_m=leg_m), min_turn_rad, method)
 
 
 def walked_m(reference: Trajectory, *, rate_hz: float = 1.0) -> FloatArray:
@@ -244,12 +261,18 @@ def _corners(xy_m: FloatArray, leg_m: float) -> IntArray:
 
 
 def _gradient(
-    held: Held, reference: Trajectory, since_start: FloatArray, at_least: float, *, times: float = 1.0
+    held: Held,
+    reference: Trajectory,
+    since_start: FloatArray,
+    at_least: float,
+    method: PercentileMethod,
+    *,
+    times: float = 1.0,
 ) -> float:
     """Median over the surveyed rows of error over what (T,) was passed since the start, from `at_least` of it on."""
     passed = since_start[reference.surveyed]
     far = (passed >= at_least - ROUNDING) & (passed > 0)
-    return percentile(times * errors_m(held, reference)[far] / passed[far], 0.5)
+    return percentile(times * errors_m(held, reference)[far] / passed[far], 0.5, method)
 
 
 def _moving(reference: Trajectory, min_speed_mps: float, speed_window_s: float) -> BoolArray:

@@ -51,7 +51,9 @@ def align_se2(track_m: FloatArray, onto_m: FloatArray, *, min_spread_m: float = 
     return Aligned(_turn(track_m - centre_m, yaw_rad) + target_m, yaw_rad, stands)
 
 
-def align_start(track_m: FloatArray, onto_m: FloatArray, *, yaw_base_m: float = 5.0) -> Aligned:
+def align_start(
+    track_m: FloatArray, onto_m: FloatArray, *, yaw_base_m: float = 5.0, min_spread_m: float = MIN_SPREAD_M
+) -> Aligned:
     """Moves a track so that its first row and its first direction coincide with those of another.
 
     The direction is that of the rows until the other track is first `yaw_base_m` away from its start, with x, x' the
@@ -62,11 +64,12 @@ def align_start(track_m: FloatArray, onto_m: FloatArray, *, yaw_base_m: float = 
         track_m: (T, 2), T at least 1.
         onto_m: (T, 2).
         yaw_base_m: How far one must have walked for a direction to be known; ours, a few strides.
+        min_spread_m: RMS distance from the start below which a track stands still.
     """
     moved_m, target_m = track_m - track_m[0], onto_m - onto_m[0]
     is_away = np.hypot(target_m[:, 0], target_m[:, 1]) >= yaw_base_m
     base = int(is_away.argmax()) + 1 if is_away.any() else len(target_m)
-    yaw_rad, stands = _yaw_rad(moved_m[:base], target_m[:base], MIN_SPREAD_M)
+    yaw_rad, stands = _yaw_rad(moved_m[:base], target_m[:base], min_spread_m)
     return Aligned(_turn(moved_m, yaw_rad) + onto_m[0], yaw_rad, stands)
 
 
@@ -187,9 +190,9 @@ def resampling_times_s(reference: Trajectory, *, rate_hz: float = 1.0) -> FloatA
     return np.append(np.arange(begin_s, end_s, 1.0 / rate_hz), end_s)
 
 
-def path_length_m(reference: Trajectory, t_s: FloatArray) -> float:
+def path_length_m(reference: Trajectory, t_s: FloatArray, *, slack_s: float = HOLD_SLACK_S) -> float:
     """Horizontal length in metres of the reference sampled at `t_s` by the same zero-order hold as an estimate."""
-    row = np.maximum(np.searchsorted(reference.t_s, t_s + HOLD_SLACK_S, side="right") - 1, 0)
+    row = np.maximum(np.searchsorted(reference.t_s, t_s + slack_s, side="right") - 1, 0)
     return _length_m(reference.xy_m[row])
 
 

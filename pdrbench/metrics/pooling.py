@@ -8,10 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.position import mean, percentile, rms
+from pdrbench.metrics.position import PercentileMethod, mean, percentile, rms
 
 
-def pooled(errors_by_walk_m: Sequence[FloatArray], penalised_by_walk_m: Sequence[FloatArray] = ()) -> dict[str, float]:
+def pooled(
+    errors_by_walk_m: Sequence[FloatArray],
+    penalised_by_walk_m: Sequence[FloatArray] = (),
+    *,
+    method: PercentileMethod = "hazen",
+) -> dict[str, float]:
     """Scores of the errors of all walks together; a walk counts by its number of surveyed positions.
 
     Samples of one walk depend on each other: an interval comes from whole units
@@ -20,6 +25,7 @@ def pooled(errors_by_walk_m: Sequence[FloatArray], penalised_by_walk_m: Sequence
     Args:
         errors_by_walk_m: (n,) errors of each walk, as `errors_m` returns them; the order does not matter.
         penalised_by_walk_m: The same with penalties, as `penalised_errors_m` returns them.
+        method: How percentiles are interpolated.
 
     Returns:
         Value by the names in `POOLED`; NaN where there are no errors.
@@ -32,8 +38,8 @@ def pooled(errors_by_walk_m: Sequence[FloatArray], penalised_by_walk_m: Sequence
     return {
         "pooled_mean_m": mean(errors_m),
         "pooled_rmse_m": rms(errors_m),
-        **{f"pooled_p{percent}_m": percentile(errors_m, percent / 100) for percent in (50, 75, 90, 95)},
-        "pooled_p75_level_penalised_m": percentile(penalised_m, 0.75),
+        **{f"pooled_p{percent}_m": percentile(errors_m, percent / 100, method) for percent in (50, 75, 90, 95)},
+        "pooled_p75_level_penalised_m": percentile(penalised_m, 0.75, method),
         "pooled_max_m": float(errors_m[-1]) if len(errors_m) else math.nan,
         "pooled_n": float(len(errors_m)),
     }

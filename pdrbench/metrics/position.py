@@ -8,6 +8,7 @@ nothing was surveyed. No row is dropped, whatever its level; the level is scored
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.metrics.hold import Held
 from pdrbench.trajectory import Trajectory
+
+PercentileMethod = Literal["hazen", "linear", "inverted_cdf", "weibull", "median_unbiased"]
 
 
 def offsets_m(held: Held, reference: Trajectory) -> FloatArray:
@@ -27,15 +30,15 @@ def errors_m(held: Held, reference: Trajectory) -> FloatArray:
     return np.asarray(np.hypot(*offsets_m(held, reference).T))
 
 
-def percentile(values: FloatArray, quantile: float) -> float:
-    """A percentile by the method of Hazen; NaN where there are no values.
+def percentile(values: FloatArray, quantile: float, method: PercentileMethod = "hazen") -> float:
+    """A percentile by a named method; NaN where there are no values.
 
     Hazen puts the k-th of n sorted values at the quantile (k - 1/2) / n and interpolates linearly, as the IPIN scorer.
 
     >>> percentile(np.array([1.0, 2.0, 3.0, 4.0]), 0.75)
     3.5
     """
-    return float(np.quantile(values, quantile, method="hazen")) if len(values) else math.nan
+    return float(np.quantile(values, quantile, method=method)) if len(values) else math.nan
 
 
 def ecdf(errors_m: FloatArray, at_m: FloatArray) -> FloatArray:
@@ -64,9 +67,11 @@ def rmse_m(held: Held, reference: Trajectory) -> float:
     return rms(errors_m(held, reference))
 
 
-def percentile_m(held: Held, reference: Trajectory, *, quantile: float = 0.5) -> float:
-    """Percentile of the error in metres: the Q with F(Q) = quantile."""
-    return percentile(errors_m(held, reference), quantile)
+def percentile_m(
+    held: Held, reference: Trajectory, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
+) -> float:
+    """Percentile of the error in metres: the Q with F(Q) = quantile, by `method`."""
+    return percentile(errors_m(held, reference), quantile, method)
 
 
 def max_m(held: Held, reference: Trajectory) -> float:
@@ -92,12 +97,23 @@ def bias_m(held: Held, reference: Trajectory) -> float:
     return float(np.hypot(*offsets_m(held, reference).mean(axis=0))) if reference.surveyed.any() else math.nan
 
 
-def circular_error_m(held: Held, reference: Trajectory, *, quantile: float = 0.5) -> float:
+def covariance_m2(held: Held, reference: Trajectory) -> FloatArray:
+    """(2, 2) covariance of the error vector in m^2, building frame: (1/n) sum (E_k - mean E)(E_k - mean E)^T."""
+    offset_m = offsets_m(held, reference)
+    if not len(offset_m):
+        return np.full((2, 2), math.nan)
+    centred = offset_m - offset_m.mean(axis=0)
+    return np.asarray(centred.T @ centred / len(centred))
+
+
+def circular_error_m(
+    held: Held, reference: Trajectory, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
+) -> float:
     """CE in metres: percentile of e_k over *all* surveyed rows, where the reference has z; else NaN.
 
     Tools that drop rows on a wrong level improve with every level mistake; here none is dropped.
     """
-    return math.nan if reference.z_m is None else percentile_m(held, reference, quantile=quantile)
+    return math.nan if reference.z_m is None else percentile_m(held, reference, quantile=quantile, method=method)
 
 
 def vertical_error_m(
@@ -106,6 +122,7 @@ def vertical_error_m(
     building: Building | None = None,
     *,
     quantile: float = 0.5,
+    method: PercentileMethod = "hazen",
     level_height_m: float = 4.0,
 ) -> float:
     """VE in metres: percentile of |z_est - z_ref|, where the reference has z and there is a building; else NaN.
@@ -113,7 +130,7 @@ def vertical_error_m(
     The estimate's height is that of the floor it stands on (`heights_m`).
     """
     vertical_m = _vertical_offsets_m(held, reference, building, level_height_m)
-    return math.nan if vertical_m is None else percentile(np.abs(vertical_m), quantile)
+    return math.nan if vertical_m is None else percentile(np.abs(vertical_m), quantile, method)
 
 
 def spherical_error_m(
@@ -122,11 +139,16 @@ def spherical_error_m(
     building: Building | None = None,
     *,
     quantile: float = 0.5,
+    method: PercentileMethod = "hazen",
     level_height_m: float = 4.0,
 ) -> float:
     """SE in metres: percentile of sqrt(e_k^2 + (z_est - z_ref)^2), where CE and VE apply; else NaN."""
     vertical_m = _vertical_offsets_m(held, reference, building, level_height_m)
-    return math.nan if vertical_m is None else percentile(np.hypot(errors_m(held, reference), vertical_m), quantile)
+    return (
+        math.nan
+        if vertical_m is None
+        else percentile(np.hypot(errors_m(held, reference), vertical_m), quantile, method)
+    )
 
 
 def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, level_height_m: float = 4.0) -> FloatArray:

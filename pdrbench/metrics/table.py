@@ -32,7 +32,7 @@ class Metric:
         family: Group of metrics, as a heading of the page on metrics.
         what: One sentence: the formula, and how a row of a table is made of the walks.
         target: `module:function`.
-        constants: Keyword arguments of the function, printed with the score.
+        constants: Keyword arguments of the function, printed with the score; `method` is that of the percentile.
         takes: Names of the arguments of the function, in order: see `scoring.score`.
         over_walks: What makes a row of a table of its walks, of `statistics.SUMMARIES`; "median" for times that may be
             infinite.

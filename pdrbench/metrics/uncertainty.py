@@ -76,7 +76,8 @@ def coverage(held: Held, reference: Trajectory, *, fraction: float = 0.95) -> fl
 def anees(held: Held, reference: Trajectory) -> float:
     """Average normalised estimation error squared: mean of d^2 / (2 sigma^2) over positions with a usable sigma.
 
-    1 is consistent, above is overconfident. Bar-Shalom et al. 2001, section 5.4, divided by the number of axes.
+    1 is consistent, above is overconfident; `anees_band` gives how far from 1 chance takes it. Bar-Shalom et al. 2001,
+    section 5.4, divided by the number of axes.
     """
     usable, sigma_m = _usable(held, reference)
     if not usable.any():
@@ -84,6 +85,27 @@ def anees(held: Held, reference: Trajectory) -> float:
     with np.errstate(over="ignore"):
         ratio = np.minimum(errors_m(held, reference)[usable] / sigma_m[usable], MAX_SIGMA_RATIO)
     return float(np.mean(np.square(ratio)) / AXES)
+
+
+def anees_band(num_walks: int, dof: int = AXES, level: float = 0.95) -> tuple[float, float]:
+    """Where the mean over walks of `anees` lies with probability `level` if every claim is right.
+
+    With one independent error per walk, num_walks dof ANEES has a chi-squared distribution with num_walks dof degrees
+    of freedom. Positions of one walk depend on each other, so a walk counts once; where they depend little the true
+    band is narrower.
+
+    Args:
+        num_walks: Independent walks, at least 1.
+        dof: Axes.
+        level: Probability.
+
+    >>> [round(bound, 3) for bound in anees_band(20)]
+    [0.611, 1.484]
+    """
+    from scipy.stats import chi2
+
+    total = num_walks * dof
+    return float(chi2.ppf((1 - level) / 2, total) / total), float(chi2.ppf((1 + level) / 2, total) / total)
 
 
 def sigma_unusable(held: Held, reference: Trajectory) -> float:

@@ -55,6 +55,12 @@ def test_published_errors_give_the_published_scores(entry: str) -> None:
     assert rms(errors) == pytest.approx(published["rms"], abs=PRINTED_M)
 
 
+def test_only_hazen_gives_the_published_percentile() -> None:
+    errors = np.array(PUBLISHED_ERRORS_M["S323ZENODOTS01"])
+    assert percentile(errors, 0.95, "hazen") == pytest.approx(16.34, abs=PRINTED_M)
+    assert percentile(errors, 0.95, "linear") == pytest.approx(15.78, abs=PRINTED_M)
+
+
 def local_metres(longitude_deg: np.ndarray, latitude_deg: np.ndarray, origin_deg: np.ndarray) -> np.ndarray:
     """(T, 2) east and north of an origin on the WGS 84 ellipsoid, flat: good to a millimetre within a building."""
     equator_m, flattening = 6378137.0, 1 / 298.257223563
@@ -108,9 +114,14 @@ def one_level_off(count: int, wrong: int) -> tuple[Held, Trajectory]:
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 
-def test_levels_of_difference_cost_fifteen_metres() -> None:
+def test_levels_of_difference_cost_fifteen_metres_and_the_wrong_building_fifty() -> None:
     held, reference = one_level_off(4, 1)
     assert penalised_errors_m(held, reference).tolist() == [32.0, 2.0, 2.0, 2.0]
     assert mean_level_penalised_m(held, reference) == 9.5
-    assert mean_level_penalised_m(held, reference, per_level_m=4.0) == 4.0
+    assert mean_level_penalised_m(held, reference, per_level_m=4.0, per_building_m=50.0) == 4.0
     assert p75_level_penalised_m(held, reference) == 17.0  # Hazen: halfway between the third and the fourth
+    held, reference = one_level_off(4, 0)
+    wrong = np.array([True, False, False, False])
+    assert penalised_errors_m(held, reference, wrong_building=wrong).tolist() == [52.0, 2.0, 2.0, 2.0]
+    assert mean_level_penalised_m(held, reference, wrong_building=wrong) == 2.0  # Kaggle scores one building
+    assert mean_level_penalised_m(held, reference, per_building_m=50.0, wrong_building=wrong) == 14.5

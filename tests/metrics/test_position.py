@@ -14,6 +14,7 @@ from pdrbench.metrics.position import (
     along_path_errors_m,
     bias_m,
     circular_error_m,
+    covariance_m2,
     max_m,
     mean_m,
     num_scored,
@@ -66,6 +67,7 @@ def test_opposite_errors_cancel_in_the_bias_alone() -> None:
     held = held_on(reference, [[2.0, 0.0], [-2.0, 0.0]])
     assert bias_m(held, reference) == 0.0
     assert mean_m(held, reference) == 2.0
+    assert covariance_m2(held, reference).tolist() == [[4.0, 0.0], [0.0, 0.0]]
 
 
 def test_ecdf_is_a_right_continuous_step_function() -> None:

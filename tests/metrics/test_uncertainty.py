@@ -12,7 +12,7 @@ from tracks import make_answers, make_reference
 
 from pdrbench.metrics import hold_at
 from pdrbench.metrics.hold import Held
-from pdrbench.metrics.uncertainty import anees, coverage, energy_score_m, energy_scores_m, sigma_unusable
+from pdrbench.metrics.uncertainty import anees, anees_band, coverage, energy_score_m, energy_scores_m, sigma_unusable
 from pdrbench.trajectory import Start, Trajectory
 
 METRICS = (energy_score_m, coverage, anees, sigma_unusable)
@@ -75,10 +75,12 @@ def test_the_disc_ends_at_its_radius_and_lies_on_its_level() -> None:
     assert coverage(held, reference, fraction=0.95) == 0.5
 
 
-def test_anees_is_one_for_a_calibrated_sigma() -> None:
+def test_anees_is_one_for_a_calibrated_sigma_and_its_band_that_of_an_exponential() -> None:
     assert anees(*make_walk([5.0, 5.0], 5.0 / math.sqrt(2.0))) == pytest.approx(1.0)
     assert anees(*make_walk([5.0, 5.0], 5.0 / math.sqrt(8.0))) == pytest.approx(4.0)
     assert anees(*make_walk(errors_of_a_normal(2.0), 2.0)) == pytest.approx(1.0, abs=0.005)
+    assert anees_band(1) == pytest.approx((-math.log(0.975), -math.log(0.025)))
+    assert anees_band(1, level=0.5) == pytest.approx((-math.log(0.75), -math.log(0.25)))
 
 
 # What cannot be scored -------------------------------------------------------------------------------------------
