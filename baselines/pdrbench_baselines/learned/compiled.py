@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -52,107 +51,195 @@ from pdrbench_baselines.learned.weight_files import PACKAGED, TRAIN, check_form,
 _RESNET: Final = "resnet"
 _NORM_EPSILON: Final = 1e-5  # of batch normalisation, as PyTorch
 _STRIDES: Final = {3: 1, 4: 2, 5: 1, 6: 2, 7: 1}  # of residual blocks, by their place in the trunk
-_STEPS: Final = np.array([i for i, lag in enumerate(LAGS) if STEP_LAGS[0] <= lag <= STEP_LAGS[1]])
+_BLOCKS: Final = len(_STRIDES)
+_LINEAR: Final = ("trunk.8", "neck.0", "memory", "memory", "head.0", "head.2")
+_STEPS: Final = slice(LAGS.index(STEP_LAGS[0]), LAGS.index(STEP_LAGS[1]) + 1)
 _LAGS: Final = np.array(LAGS)
+_PADDING: Final = 3  # rows of zeros before and after inputs, for the first layer; one around what other layers give
 
 Arrays = Mapping[str, NDArray[Any]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Layer:
-    """A convolution over time, with the normalisation that follows it; a linear layer is one of a single sample.
+@compiled
+def _layer(x: Any, parameters: Any, layer: Any, least: float) -> Any:
+    """(count + 2, outside) convolution over time of (time + 2 padding, inside), `least` at least; padding is zero.
 
-    Attributes:
-        weight: (width, inside, outside).
-        bias: (outside,).
-        stride: Between samples of the output.
+    A layer is (6,): width, inside, outside, samples from one output to the next, rows of padding, and where in the
+    parameters its weights (width, inside, outside) begin, with its bias (outside,) behind them.
     """
-
-    weight: FloatArray
-    bias: FloatArray
-    stride: int = 1
-
-    def __call__(self, x: FloatArray, least: float = -math.inf) -> FloatArray:
-        """(time, outside) of (time, inside), zero outside, `least` at least; or (outside,) of (inside,)."""
-        if x.ndim == 1:
-            sample: FloatArray = self(x[None], least)[0]
-            return sample
-        if x.shape[1] != self.weight.shape[1] or self.bias.shape != self.weight.shape[2:]:
-            raise ValueError(f"{x.shape[1]} values for weights {self.weight.shape} and {len(self.bias)} of bias")
-        return _convolved(x, self.weight, self.bias, self.stride, self.weight.shape[0] // 2, least)
+    count = (len(x) - 2 * layer[4] + 2 * (layer[0] // 2) - layer[0]) // layer[3] + 1
+    return _added(np.zeros((count + 2, layer[2])), x, parameters, layer, least)
 
 
 @compiled
-def _convolved(
-    x: FloatArray, weight: FloatArray, bias: FloatArray, stride: int, padding: int, least: float
-) -> FloatArray:
-    width, inside, outside = weight.shape
-    count = (len(x) + 2 * padding - width) // stride + 1
-    out = np.empty((count, outside))
+def _added(out: Any, x: Any, parameters: Any, layer: Any, least: float) -> Any:
+    """The same, added to what stands in (count + 2, outside)."""
+    width, inside, outside, stride, padding, begin = layer[0], layer[1], layer[2], layer[3], layer[4], layer[5]
+    count, span, first = len(out) - 2, width * inside, padding - width // 2
+    if x.shape[1] != inside or out.shape[1] != outside or first < 0 or first + (count - 1) * stride + width > len(x):
+        raise ValueError("weights for other inputs")
+    weight, bias = parameters[begin : begin + span * outside].reshape(span, outside), begin + span * outside
+    flat, first, stride = x.ravel(), first * inside, stride * inside
     for t in range(count):
         for o in range(outside):
-            out[t, o] = bias[o]
-    for k in range(width):
-        first, end = max(-((k - padding) // stride), 0), min((len(x) + padding - k + stride - 1) // stride, count)
-        for i in range(0, inside - 3, 4):  # four products at a time: sums are loaded and stored a quarter as often
-            for t in range(first, end):
-                at = t * stride + k - padding
-                one, two, three, four = x[at, i], x[at, i + 1], x[at, i + 2], x[at, i + 3]
-                for o in range(outside):
-                    both = out[t, o] + one * weight[k, i, o] + two * weight[k, i + 1, o]
-                    out[t, o] = both + three * weight[k, i + 2, o] + four * weight[k, i + 3, o]
-        for i in range(inside - inside % 4, inside):
-            for t in range(first, end):
-                for o in range(outside):
-                    out[t, o] += x[t * stride + k - padding, i] * weight[k, i, o]
-    for t in range(count):
-        for o in range(outside):
-            out[t, o] = max(out[t, o], least)
+            out[t + 1, o] += parameters[bias + o]
+    for j in range(0, span - 7, 8):  # eight products at a time: sums are loaded and stored an eighth as often
+        for t in range(count):
+            at = first + t * stride + j
+            a, b, c, d = flat[at], flat[at + 1], flat[at + 2], flat[at + 3]
+            e, f, g, h = flat[at + 4], flat[at + 5], flat[at + 6], flat[at + 7]
+            for o in range(outside):
+                one = (a * weight[j, o] + b * weight[j + 1, o]) + (c * weight[j + 2, o] + d * weight[j + 3, o])
+                two = (e * weight[j + 4, o] + f * weight[j + 5, o]) + (g * weight[j + 6, o] + h * weight[j + 7, o])
+                out[t + 1, o] += one + two
+    for j in range(span - span % 8, span):
+        for t in range(count):
+            for o in range(outside):
+                out[t + 1, o] += flat[first + t * stride + j] * weight[j, o]
+    return np.maximum(out, least)
+
+
+@compiled
+def _joined(one: Any, other: Any) -> Any:
+    """(3, m + n) of (m,) and (n,): what a layer takes that has no width."""
+    x = np.zeros((3, len(one) + len(other)))
+    for i in range(len(one)):
+        x[1, i] = one[i]
+    for i in range(len(other)):
+        x[1, len(one) + i] = other[i]
+    return x
+
+
+@compiled
+def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layers: Any) -> Any:
+    """Outputs, memory (`MEMORY`,), and, of a network with a gait, by how much features are unlike usual ones, squared.
+
+    Of inputs (`WINDOW` + 2 `_PADDING`, inputs), of what joins the output of the trunk (of a gait), of what joins the
+    features, and of the memory before; layers (n, 6) in the order of use, of width 0 where none leads around a block.
+    """
+    x, end = _layer(x, parameters, layers[0], 0.0), 1 + 3 * _BLOCKS
+    for i in range(1, end, 3):
+        inner = _layer(x, parameters, layers[i], 0.0)
+        if layers[i + 2, 0]:
+            x = _layer(x, parameters, layers[i + 2], -math.inf)
+        x = _added(x, inner, parameters, layers[i + 1], 0.0)
+    x = _layer(x, parameters, layers[end], 0.0)
+    length, none = len(x) - 2, past[:0]
+    channels = np.empty(length * x.shape[1])
+    for at in range(len(channels)):
+        channels[at] = x[1 + at % length, at // length]
+    seen = _layer(_joined(channels, beside), parameters, layers[end + 1], 0.0)[1]
+    gates = _layer(_joined(seen, change), parameters, layers[end + 2], -math.inf)[1]
+    past_gates, memory = _layer(_joined(past, none), parameters, layers[end + 3], -math.inf)[1], np.empty(MEMORY)
+    for m in range(MEMORY):
+        reset = 1.0 / (1.0 + math.exp(-gates[m] - past_gates[m]))
+        update = 1.0 / (1.0 + math.exp(-gates[MEMORY + m] - past_gates[MEMORY + m]))
+        new = math.tanh(gates[2 * MEMORY + m] + reset * past_gates[2 * MEMORY + m])
+        memory[m] = new + update * (past[m] - new)
+    head = _layer(_joined(seen, memory), parameters, layers[end + 4], 0.0)
+    out, unlike = _layer(head, parameters, layers[end + 5], -math.inf)[1], 0.0
+    if len(beside):
+        for value in _layer(_joined(seen, none), parameters, layers[end + 6], -math.inf)[1]:
+            unlike += value**2
+    return out, memory, unlike
+
+
+@compiled
+def _plain_inputs(window: Any, person: Any, rested_mps: Any, scales: Any, derived_scales: Any, weights: Any) -> Any:
+    """Inputs of a window (`CHANNELS`, `WINDOW`), and its change, by velocities (2, `WINDOW`) of a foot or (0, 0)."""
+    derived = _integrals(window[0], window[1], window[5])
+    change = _change(rested_mps if len(rested_mps) else window[:2], weights, derived[2])
+    x = np.zeros((WINDOW + 2 * _PADDING, INPUTS))
+    for t in range(WINDOW):
+        for i in range(CHANNELS):
+            x[_PADDING + t, i] = window[i, t] / scales[i]
+        for i in range(3):
+            value = rested_mps[i, t] if i < len(rested_mps) else derived[i, t]
+            x[_PADDING + t, CHANNELS + i] = value / derived_scales[i]
+        x[_PADDING + t, -2], x[_PADDING + t, -1] = person
+    return x, change[:-1]
+
+
+@compiled
+def _gait_inputs(window: Any, kernel: Any, floor: Any, lags: Any, derived_scales: Any, weights: Any) -> Any:
+    """Inputs of a window (`CHANNELS`, `WINDOW`), its change, (3, lags) autocorrelations, size of the shaking."""
+    slow, size, x = _slow(window[:6], kernel), np.zeros(2), np.zeros((WINDOW + 2 * _PADDING, GAIT_INPUTS))
+    normal = np.empty(slow.shape)
+    for i in range(len(slow)):
+        for t in range(WINDOW):
+            normal[i, t] = window[i, t] - slow[i, t]
+            size[i // 3] += normal[i, t] ** 2 / WINDOW
+    integrals = _integrals(slow[0], slow[1], window[5])
+    for i in range(len(slow)):
+        spread = math.sqrt(size[i // 3] + floor[i // 3] ** 2)
+        for t in range(WINDOW):
+            normal[i, t] /= spread
+            x[_PADDING + t, i] = 1.5 * normal[i, t]
+    for i in range(2):
+        size[i] /= size[i] + floor[i] ** 2
+    for t in range(_PADDING, _PADDING + WINDOW):
+        for i in range(3):
+            x[t, 6 + i], x[t, 9 + i] = slow[3 + i, t - _PADDING], window[6 + i, t - _PADDING]
+            x[t, 12 + i] = integrals[i, t - _PADDING] / derived_scales[i]
+        x[t, 15], x[t, 16] = size
+    return x, _change(window[:2], weights, integrals[2]), _rhythm(normal, lags), size[0]
+
+
+@compiled
+def _integrals(x: Any, y: Any, turn: Any) -> Any:
+    """(3, T) integrals over time of (T,) each, less their means."""
+    out, sums, means = np.zeros((3, len(x))), np.zeros(3), np.zeros((3, 1))
+    for t in range(len(x)):
+        for i, rate in enumerate((x[t], y[t], turn[t])):
+            sums[i] += rate / RATE_HZ
+            means[i, 0] += sums[i] / len(x)
+            out[i, t] = sums[i]
+    return out - means
+
+
+@compiled
+def _change(rates: Any, weights: Any, yaw_rad: Any) -> Any:
+    """(`CHANGE` + 1,): sums of (2, T) weighed by (T,); the yaw (T,) 2 s ago, 1 s ago and now; 0."""
+    change = np.zeros(CHANGE + 1)
+    for t in range(len(weights)):
+        change[0] += rates[0, t] * weights[t]
+        change[1] += rates[1, t] * weights[t]
+    for i in range(3):
+        change[2 + i] = yaw_rad[WINDOW - 1 + (i - 2) * HORIZON]
+    return change
+
+
+@compiled
+def _slow(rows: Any, kernel: Any) -> Any:
+    """(C, T) means around each sample, weighed by a symmetric kernel; rows are reflected at both ends."""
+    (channels, count), half = rows.shape, len(kernel) // 2
+    padded, out = np.empty(count + 2 * half), np.empty(rows.shape)
+    for i in range(channels):
+        for t in range(count + 2 * half):
+            at = abs(t - half)
+            padded[t] = rows[i, min(at, 2 * (count - 1) - at)]
+        mean = out[i]
+        for t in range(count):
+            mean[t] = kernel[half] * padded[t + half]
+        for k in range(half):
+            for t in range(count):
+                mean[t] += kernel[k] * (padded[t + k] + padded[t + 2 * half - k])
     return out
 
 
 @compiled
-def _remembered(gates: FloatArray, past_gates: FloatArray, past: FloatArray) -> FloatArray:
-    """(M,) state of a gated recurrent unit after gates (3 M,) of its input and of its state before (M,)."""
-    size = len(past)
-    state = np.empty(size)
-    for m in range(size):
-        reset = 1.0 / (1.0 + math.exp(-gates[m] - past_gates[m]))
-        update = 1.0 / (1.0 + math.exp(-gates[size + m] - past_gates[size + m]))
-        new = math.tanh(gates[2 * size + m] + reset * past_gates[2 * size + m])
-        state[m] = new + update * (past[m] - new)
-    return state
-
-
-@compiled
-def _slow(rows: FloatArray, kernel: FloatArray) -> FloatArray:
-    """(T, C) weighted means around each sample; rows are reflected at both ends."""
-    (count, columns), half = rows.shape, len(kernel) // 2
-    padded, out = np.empty((count + 2 * half) * columns), np.zeros(count * columns)
-    for t in range(count + 2 * half):
-        at = abs(t - half)
-        for i in range(columns):
-            padded[t * columns + i] = rows[min(at, 2 * (count - 1) - at), i]
-    for k in range(len(kernel)):
-        for at in range(len(out)):
-            out[at] += kernel[k] * padded[k * columns + at]
-    return out.reshape(count, columns)
-
-
-@compiled
-def _rhythm(normal: FloatArray, lags: NDArray[np.int64]) -> FloatArray:
-    """(3, lags) autocorrelation of the vertical force, of all force and of all rates (T, 6)."""
-    count = len(normal)
+def _rhythm(normal: Any, lags: Any) -> Any:
+    """(3, lags) autocorrelation of the vertical force, of all force and of all rates (6, T)."""
+    count = normal.shape[1]
     auto = np.zeros((3, len(lags) + 1))
     for index in range(len(lags) + 1):
         lag = 0 if index == 0 else lags[index - 1]
         force, vertical, rates = 0.0, 0.0, 0.0
         for t in range(count - lag):
-            up = normal[t, 2] * normal[t + lag, 2]
-            vertical += up
-            force += normal[t, 0] * normal[t + lag, 0] + normal[t, 1] * normal[t + lag, 1] + up
-            for i in range(3, 6):
-                rates += normal[t, i] * normal[t + lag, i]
+            now, then = normal[:, t], normal[:, t + lag]
+            vertical += now[2] * then[2]
+            force += now[0] * then[0] + now[1] * then[1] + now[2] * then[2]
+            rates += now[3] * then[3] + now[4] * then[4] + now[5] * then[5]
         auto[0, index], auto[1, index], auto[2, index] = vertical, force, rates
     return auto[:, 1:] / (auto[:, :1] + 1e-3 * count)
 
@@ -185,129 +272,98 @@ class CompiledNetwork:
 
     def ask(self, features: FloatArray, height_m: float, memory: FloatArray | None) -> tuple[WindowAnswer, FloatArray]:
         """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory."""
-        window = np.ascontiguousarray(features.T)
-        rested_mps = self._rested(window) if self.carried == FOOT else None
-        seen, rhythm = self._gait(window, height_m) if self._has_gait else self._plain(window, height_m, rested_mps)
-        change = self._change(window, height_m, rested_mps)
-        past = np.zeros(MEMORY) if memory is None else memory
-        memory = _remembered(self._into(np.concatenate([seen, change])), self._onto(past), past)
-        out = self._out(self._head(np.concatenate([seen, memory]), 0.0))
+        window, past = np.ascontiguousarray(features), np.zeros(MEMORY) if memory is None else memory
+        taller_m, is_known = (height_m - USUAL_HEIGHT_M[0], 1.0) if height_m > 0 else (0.0, 0.0)
+        person, beside, rhythm = (taller_m / USUAL_HEIGHT_M[1], is_known), np.zeros(0), math.nan
+        if self._has_gait:
+            x, change, found, size = _gait_inputs(window, self._kernel, FLOOR, _LAGS, self._derived, self._weights)
+            change[-1], beside = taller_m, np.concatenate([found.ravel(), person])
+            if size > SHAKES:
+                rhythm = float(found[:, _STEPS].max())
+        else:
+            rested_mps = self._rested(window) if self.carried == FOOT else np.zeros((0, 0))
+            x, change = _plain_inputs(window, person, rested_mps, self._scales, self._derived, self._weights)
+        values, memory, unlike = _outputs(x, beside, change, past, self._parameters, self._layers)
+        out = values.tolist()
         low, high = LOG_SIGMA
-        first, second = np.exp(np.minimum(np.maximum(out[[2, 4]], low), high))
-        cholesky_m = self._claim * np.array([[first, 0.0], [min(max(out[3], -2.0), 2.0), second]])
+        first, second = (self._claim * math.exp(min(max(out[i], low), high)) for i in (2, 4))
+        cross = self._claim * min(max(out[3], -2.0), 2.0)
         doubt = None
         if self._has_gait:
-            far = max(float(np.sum(self._whiten(seen - self._usual) ** 2)) / self._near, 1.0)
+            far = max(unlike / self._near, 1.0)
             doubt = 1.0 - 1.0 / far
             steps_hz = MAX_STEPS_HZ / (1.0 + math.exp(-out[OUTPUTS]))
             factor = math.exp(MAX_LOG_FACTOR * math.tanh(out[6]) * (1.0 - doubt) * self._trust)
-            length_m = steps_hz * _step_law_m(steps_hz, USUAL_HEIGHT_M[0] + change[-1]) * factor
-            cholesky_m = _widened(cholesky_m, far, DOUBT_M * doubt)
+            length_m = steps_hz * _step_law_m(steps_hz, USUAL_HEIGHT_M[0] + taller_m) * factor
+            first, cross, second = _widened(first, cross, second, far, DOUBT_M * doubt)
         else:
             length_m = float(np.logaddexp(0.0, out[6]))
-        move_m = out[:2] / (math.hypot(*out[:2]) + 1e-6) * length_m
-        return WindowAnswer(move_m, length_m, cholesky_m, float(out[5]), doubt, rhythm), memory
+        move_m = values[:2] / (math.hypot(out[0], out[1]) + 1e-6) * length_m
+        return WindowAnswer(move_m, length_m, np.array([[first, 0.0], [cross, second]]), out[5], doubt, rhythm), memory
 
     def _take(self, arrays: Arrays) -> None:
         """Puts arrays in place, with what normalisation does to them."""
+        layers: list[tuple[int, ...]] = []
+        parameters: list[FloatArray] = []
 
-        def linear(name: str, bias: str = "bias", weight: str = "weight") -> Layer:
-            matrix = arrays[f"{name}.{weight}"].astype(np.float64)
-            width = matrix[..., None] if matrix.ndim == 2 else matrix
-            return Layer(np.ascontiguousarray(width.transpose(2, 1, 0)), arrays[f"{name}.{bias}"].astype(np.float64))
+        def add(weight: FloatArray, bias: FloatArray, stride: int = 1, padding: int = 1) -> None:
+            matrix = np.atleast_3d(weight).transpose(2, 1, 0)
+            if bias.shape != matrix.shape[2:]:
+                raise ValueError(f"{len(bias)} values of bias for weights {matrix.shape}")
+            layers.append((*matrix.shape, stride, padding, sum(map(len, parameters))))
+            parameters.extend((matrix.ravel(), bias))
 
-        def normalised(name: str, norm: str, stride: int = 1) -> Layer:
+        def linear(name: str, suffix: str = "", stride: int = 1) -> None:
+            add(arrays[f"{name}.weight{suffix}"], arrays[f"{name}.bias{suffix}"], stride)
+
+        def normalised(name: str, norm: str, stride: int = 1, padding: int = 1) -> None:
             spread = np.sqrt(arrays[f"{norm}.running_var"].astype(np.float64) + _NORM_EPSILON)
             factor = arrays[f"{norm}.weight"] / spread
-            weight = arrays[f"{name}.weight"] * factor[:, None, None]
             bias = arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * factor
-            return Layer(np.ascontiguousarray(weight.transpose(2, 1, 0)), bias, stride)
+            add(arrays[f"{name}.weight"] * factor[:, None, None], bias, stride, padding)
 
-        self._begin = normalised("trunk.0", "trunk.1", 2)
-        self._blocks: list[tuple[Layer, Layer, Layer | None]] = []
+        normalised("trunk.0", "trunk.1", 2, _PADDING)
         for place, stride in _STRIDES.items():
-            name, way = f"trunk.{place}", None
+            name = f"trunk.{place}"
+            normalised(f"{name}.body.0", f"{name}.body.1", stride)
+            normalised(f"{name}.body.3", f"{name}.body.4")
             if f"{name}.way.weight" in arrays:
-                way = linear(f"{name}.way")
-                way = Layer(way.weight, way.bias, stride)
-            first = normalised(f"{name}.body.0", f"{name}.body.1", stride)
-            self._blocks.append((first, normalised(f"{name}.body.3", f"{name}.body.4"), way))
-        self._end, self._neck = linear("trunk.8"), linear("neck.0")
-        self._into = linear("memory", "bias_ih_l0", "weight_ih_l0")
-        self._onto = linear("memory", "bias_hh_l0", "weight_hh_l0")
-        self._head, self._out = linear("head.0"), linear("head.2")
-        if len(self._into.bias) != 3 * MEMORY or len(self._onto.bias) != 3 * MEMORY:
+                linear(f"{name}.way", stride=stride)
+            else:
+                layers.append((0,) * 6)
+        for name, suffix in zip(_LINEAR, ("", "", "_ih_l0", "_hh_l0", "", ""), strict=True):
+            linear(name, suffix)
+        if {layers[-4][2], layers[-3][2]} != {3 * MEMORY}:
             raise ValueError("memory of another size")
         self._claim = float(arrays["claim"][0])
+        rise = (np.arange(HORIZON) + 0.5) / HORIZON
+        self._weights = np.zeros(WINDOW)
+        self._weights[-2 * HORIZON :] = np.concatenate([rise, rise[::-1]]) / RATE_HZ
+        self._scales, self._derived = np.array(SCALES[self.carried]), np.array(DERIVED_SCALES[self.carried])
         if self._has_gait:
-            whitening = arrays["whitening"].astype(np.float64)
-            self._whiten = Layer(whitening[None], np.zeros(FEATURES))
-            self._usual = arrays["usual_features"].astype(np.float64)
+            whitening = arrays["whitening"].T.astype(np.float64)
+            add(whitening, np.zeros(FEATURES) - whitening @ arrays["usual_features"])
             self._trust, self._near = float(arrays["trust"][0]), float(arrays["near"][0])
             half = math.ceil(3 * SLOW_S * RATE_HZ)
             kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (SLOW_S * RATE_HZ)) ** 2)
             self._kernel = kernel / kernel.sum()
-        t_s = np.arange(WINDOW) / RATE_HZ
-        self._nearness = np.exp(-0.5 * ((t_s[:, None] - t_s) / NEAR_S) ** 2)[None]
-        rise = (np.arange(HORIZON) + 0.5) / HORIZON
-        self._rise_and_fall = np.concatenate([rise, rise[::-1]]) / RATE_HZ
-
-    def _trunk(self, x: FloatArray) -> FloatArray:
-        """(features,) of (`WINDOW`, inputs), channel by channel."""
-        x = self._begin(x, 0.0)
-        for first, second, way in self._blocks:
-            x = np.maximum(second(first(x, 0.0)) + (x if way is None else way(x)), 0.0)
-        return self._end(x, 0.0).T.ravel()
-
-    def _plain(self, window: FloatArray, height_m: float, rested_mps: FloatArray | None) -> tuple[FloatArray, float]:
-        """(`FEATURES`,) of a window (`WINDOW`, channels); such a network does not look at the rhythm of steps."""
-        summed = np.cumsum(window[:, [0, 1, 5]], axis=0) / RATE_HZ
-        derived = summed - summed.mean(axis=0)
-        if rested_mps is not None:
-            derived = np.column_stack([rested_mps, derived[:, 2]])
-        x = np.empty((WINDOW, INPUTS))
-        x[:, :CHANNELS], x[:, CHANNELS:-2] = window / SCALES[self.carried], derived / DERIVED_SCALES[self.carried]
-        x[:, -2:] = _person(height_m)
-        return self._neck(self._trunk(x), 0.0), math.nan
-
-    def _gait(self, window: FloatArray, height_m: float) -> tuple[FloatArray, float]:
-        """(`FEATURES`,) of a window (`WINDOW`, channels), and how rhythmically it is shaken."""
-        rows = np.ascontiguousarray(window[:, :6])
-        slow = _slow(rows, self._kernel)
-        shaking = rows - slow
-        size2 = np.array([np.mean(np.sum(shaking[:, i : i + 3] ** 2, axis=1)) for i in (0, 3)])
-        spread2 = size2 + np.square(FLOOR)
-        normal = shaking / np.repeat(np.sqrt(spread2), 3)
-        size = size2 / spread2
-        integrals = np.cumsum(np.column_stack([slow[:, 0:2], window[:, 5]]), axis=0) / RATE_HZ
-        integrals = (integrals - integrals.mean(axis=0)) / DERIVED_SCALES[self.carried]
-        x = np.empty((WINDOW, GAIT_INPUTS))
-        x[:, :6], x[:, 6:9], x[:, 9:12] = 1.5 * normal, slow[:, 3:6], window[:, 6:9]
-        x[:, 12:15], x[:, 15:] = integrals, size
-        rhythm = _rhythm(normal, _LAGS)
-        seen = self._neck(np.concatenate([self._trunk(x), rhythm.ravel(), _person(height_m)]), 0.0)
-        return seen, float(rhythm[:, _STEPS].max()) if size[0] > SHAKES else math.nan
-
-    def _change(self, window: FloatArray, height_m: float, rested_mps: FloatArray | None) -> FloatArray:
-        """(`CHANGE`,) of a window, and of a network with a gait by how much the person is taller than usual."""
-        if rested_mps is not None:
-            velocity_mps = rested_mps[-HORIZON:].mean(axis=0)
-        else:
-            weights = self._rise_and_fall[:, None]
-            velocity_mps = np.sum(window[-len(weights) :, 0:2] * weights, axis=0)
-        yaw_rad = np.cumsum(window[:, 5]) / RATE_HZ
-        yaw_rad -= yaw_rad.mean()
-        change = np.concatenate([velocity_mps, yaw_rad[[-2 * HORIZON - 1, -HORIZON - 1, -1]]])
-        assert len(change) == CHANGE
-        return np.append(change, _taller_m(height_m)) if self._has_gait else change
+        elif self.carried == FOOT:
+            t_s = np.arange(WINDOW) / RATE_HZ
+            add(np.exp(-0.5 * ((t_s[:, None] - t_s) / NEAR_S) ** 2), np.zeros(WINDOW))
+            self._weights[:] = 0.0
+            self._weights[-HORIZON:] = 1.0 / HORIZON
+        self._layers, self._parameters = np.array(layers), np.concatenate(parameters).astype(np.float64)
 
     def _rested(self, window: FloatArray) -> FloatArray:
-        """(`WINDOW`, 2) velocity of a foot, m/s: its integrated acceleration less what that is where it rests."""
-        force, rates = window[:, 0:3] / REST_MPS2, window[:, 3:6] / REST_RADPS
-        weight = np.exp(-np.sum(force**2, axis=1) - np.sum(rates**2, axis=1)) + MIN_WEIGHT
-        summed = np.cumsum(window[:, 0:2], axis=0) / RATE_HZ
-        near = Layer(self._nearness, np.zeros(WINDOW))
-        return summed - np.array([near(weight * one) for one in summed.T]).T / near(weight)[:, None]
+        """(2, `WINDOW`) velocity of a foot, m/s: its integrated acceleration less what that is where it rests."""
+        force, rates = window[0:3] / REST_MPS2, window[3:6] / REST_RADPS
+        weight = np.exp(-np.sum(force**2, axis=0) - np.sum(rates**2, axis=0)) + MIN_WEIGHT
+        summed = np.cumsum(window[0:2], axis=1) / RATE_HZ
+        x = np.zeros((5, WINDOW))
+        x[1], x[2:4] = weight, weight * summed
+        near = _layer(x, self._parameters, self._layers[-1], -math.inf)
+        rested_mps: FloatArray = summed - near[2:4] / near[1]
+        return rested_mps
 
 
 def compiled_network(weights: str) -> CompiledNetwork:
@@ -323,18 +379,10 @@ def compiled_network(weights: str) -> CompiledNetwork:
 
 def warm_up() -> None:
     """Compiles."""
-    compiled_network("phone")  # asked once while it is made
+    for name in PACKAGED:
+        compiled_network(name)  # asked once while it is made
     grid_signals(np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 5)), 0.0, 0.0)
     yaw_means(np.ones((2, 5)), np.zeros((2, 4)), 1.0, 1.0, 1.0, (0.0, 0.0, 0.0, 0.0))
-
-
-def _taller_m(height_m: float) -> float:
-    return height_m - USUAL_HEIGHT_M[0] if height_m > 0 else 0.0
-
-
-def _person(height_m: float) -> FloatArray:
-    """(2,) height over the usual one in its spreads, and whether it is known."""
-    return np.array([_taller_m(height_m) / USUAL_HEIGHT_M[1], float(height_m > 0)])
 
 
 def _step_law_m(steps_hz: float, height_m: float) -> float:
@@ -344,10 +392,8 @@ def _step_law_m(steps_hz: float, height_m: float) -> float:
     return max(usual_m + per_height * taller_m + per_hz * (steps_hz - usual_hz) * height_m / usual_height_m, 0.3)
 
 
-def _widened(cholesky_m: FloatArray, far: float, added_m: float) -> FloatArray:
-    """(2, 2) Cholesky factor of the covariance times `far`, plus the square of `added_m` on the diagonal."""
-    (l11, _), (l21, l22) = cholesky_m
+def _widened(l11: float, l21: float, l22: float, far: float, added_m: float) -> tuple[float, float, float]:
+    """Cholesky factor (l11, l21, l22) of a covariance times `far`, plus the square of `added_m` on the diagonal."""
     first = math.sqrt(far * l11**2 + added_m**2)
     lower = far * l11 * l21 / first
-    second = math.sqrt(max(far * (l21**2 + l22**2) + added_m**2 - lower**2, 1e-8))
-    return np.array([[first, 0.0], [lower, second]])
+    return first, lower, math.sqrt(max(far * (l21**2 + l22**2) + added_m**2 - lower**2, 1e-8))
