@@ -88,7 +88,6 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
     Raises:
         MapError: No such level, or too many tiles.
     """
-    import shapely
 
     params = params or TileParams()
     tile_m = params.tile_m
@@ -100,8 +99,7 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
     xs, ys = (origin[i] + tile_m * (np.arange(n) + 0.5) for i, n in ((0, columns), (1, rows)))
     middle = np.stack(np.meshgrid(xs, ys), axis=-1)
     floor = building.walkable(level)
-    shapely.prepare(floor)
-    inside = np.array(shapely.contains_xy(floor, middle[..., 0], middle[..., 1]))
+    inside = _inside(floor, xs, ys)
     on_level = building.level(building.edge_polygon) == level
     start, end = building.edge_start_xy_m[on_level], building.edge_end_xy_m[on_level]
     _touch(start, end, floor, tile_m, origin, middle, inside)
@@ -114,6 +112,22 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
         read_only(origin), tile_m, read_only(kind, np.uint8), read_only(wall_m), read_only(half_width_m),
         params.middle_share,
     )  # fmt: skip
+
+
+def _inside(floor: Any, xs: FloatArray, ys: FloatArray) -> NDArray[np.bool_]:
+    """(rows, columns) which places of a grid are floor: those with an odd number of its edges to their left."""
+    import shapely
+
+    corners, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(floor)), return_index=True)
+    is_edge = np.diff(ring) == 0
+    (x, y), (x_end, y_end) = corners[:-1][is_edge].T, corners[1:][is_edge].T
+    first, end = (np.searchsorted(ys, of(y, y_end)) for of in (np.minimum, np.maximum))
+    edge = np.repeat(np.arange(len(x)), end - first)
+    row = np.arange(len(edge)) - np.repeat(np.cumsum(end - first) - end, end - first)
+    crossed = x[edge] + (ys[row] - y[edge]) / (y_end - y)[edge] * (x_end - x)[edge]
+    num_left = np.zeros((len(ys), len(xs) + 1), dtype=np.int32)
+    np.add.at(num_left, (row, np.searchsorted(xs, crossed)), 1)
+    return np.cumsum(num_left, axis=1)[:, :-1] % 2 == 1
 
 
 def _touch(
