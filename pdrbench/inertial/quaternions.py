@@ -53,16 +53,10 @@ def to_world(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     >>> (to_world(np.array([half, 0, 0, half]), np.array([1.0, 0, 0])).round(6) + 0.0).tolist()
     [0.0, 1.0, 0.0]
     """
-    w, axis = quaternion[..., :1], quaternion[..., 1:]
-    twice = 2 * _cross(axis, vector)
-    rotated: FloatArray = vector + w * twice + _cross(axis, twice)
-    return rotated
-
-
-def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    """`np.cross` of the last axes, to the bit, in a third of the time for a few rows."""
-    (x, y, z), (a, b, c) = ([vector[..., i] for i in range(3)] for vector in (one, other))
-    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
+    (w, x, y, z), (a, b, c) = ([of[..., i] for i in range(of.shape[-1])] for of in (quaternion, vector))
+    d, e, f = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    turned = [a + w * d + (y * f - z * e), b + w * e + (z * d - x * f), c + w * f + (x * e - y * d)]
+    return np.stack(turned, axis=-1)
 
 
 def about_vertical(angle_rad: FloatArray | float) -> FloatArray:

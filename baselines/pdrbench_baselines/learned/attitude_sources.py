@@ -162,10 +162,9 @@ class FootSource:
         t_s, place_m, quaternion = states.t_s[known], states.position_m[known], states.quaternion[known]
         ahead = self._ahead(place_m[:, :2], quaternion)
         back = inverse(ahead)
-        for name, columns in (("accel", slice(1, 4)), ("gyro", slice(4, 7))):
-            own = to_world(back, to_world(quaternion, pairs[known, columns]))
-            out[name] = np.column_stack([t_s, own])
-        out["gyro"] = out["gyro"][is_sampled(t_s)]
+        own = to_world(back, to_world(quaternion, pairs[known, 1:7].reshape(-1, 2, 3).swapaxes(0, 1)))
+        is_known = is_sampled(t_s)
+        out["accel"], out["gyro"] = np.column_stack([t_s, own[0]]), np.column_stack([t_s, own[1]])[is_known]
         out["rotation"] = np.column_stack([t_s, ahead])
         self.rise_m = float(place_m[-1, 2])
         self._align(states)

@@ -62,8 +62,8 @@ class NetworkLocalizer:
     def _follow(self, move_m: FloatArray, end_s: float) -> None:
         """Takes the displacement (2,) of a second, which ended then."""
         self._velocity_mps, self._end_s = move_m, end_s
-        if np.hypot(*move_m) > WALKS_M:
-            self._heading_rad = float(np.arctan2(move_m[1], move_m[0]))
+        if math.hypot(move_m[0], move_m[1]) > WALKS_M:
+            self._heading_rad = math.atan2(move_m[1], move_m[0])
 
     def _extrapolated_m(self, now_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last second with an output."""

@@ -93,12 +93,12 @@ class Learned(NetworkLocalizer):
         errors = self._errors
         for move in self._reckoner.update(observation.rows):
             self._xy_m = self._xy_m + move.move_m
-            self._spread_m2 += errors.error_correlation * float(np.trace(move.covariance_m2)) / 2
+            self._spread_m2 += errors.error_correlation * float(move.covariance_m2[0, 0] + move.covariance_m2[1, 1]) / 2
             self._doubted_m += self._params.doubted_mps * EVERY_S * move.doubt
             self._follow(move.move_m, move.end_s)
         if self._has_level_changes:
             self._level += int(observation["level_change"][:, 1].sum())
-        away_m2 = float(np.sum((self._xy_m - self._start_m) ** 2))
+        away_m2 = math.dist(self._xy_m, self._start_m) ** 2
         fraction2 = (errors.scale_sigma**2 + errors.heading_sigma_rad**2) / 2
         return Estimate(
             xy_m=self._xy_m + self._extrapolated_m(observation.now_s),

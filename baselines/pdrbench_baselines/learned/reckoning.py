@@ -152,6 +152,7 @@ class Reckoner:
         fit = [one for one in companions if one.carried == carrier and (one.own_attitude or has_rotation)]
         self._members = [_Member(one) for one in (network, *fit)]
         self._waiting: dict[str, list[FloatArray]] = {name: [] for name in source.sensors}
+        self._newest_s = dict.fromkeys(source.sensors, -math.inf)
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._compass: FloatArray = np.zeros((0, 2))
         height_m = briefing.subject.get("height_m", 0.0)
@@ -187,7 +188,10 @@ class Reckoner:
     def _seconds(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         """Those that are complete, in the frame of the rotation vector."""
         for name, waiting in self._waiting.items():
-            waiting.append(rows[name][np.isfinite(rows[name]).all(axis=1)])
+            is_finite = np.isfinite(rows[name])
+            new = rows[name].copy() if is_finite.all() else rows[name][is_finite.all(axis=1)]
+            waiting.append(new)
+            self._newest_s[name] = max(self._newest_s[name], float(new[-1, 0]) if len(new) else -math.inf)
         if self._first_s is not None and self._source.turn_rad is not None and not self._is_due:
             return
         self._take()
@@ -208,11 +212,7 @@ class Reckoner:
     @property
     def _is_due(self) -> bool:
         """Whether a second may be complete with the rows that wait."""
-        latest_s = [
-            max((float(one[-1, 0]) for one in (rows, *self._waiting[name]) if len(one)), default=-math.inf)
-            for name, rows in self._rows.items()
-            if name in self._waiting
-        ]
+        latest_s = self._newest_s.values()
         return min(latest_s) >= self._end_s - ROUNDING_S or max(latest_s) > self._end_s + EVERY_S - ROUNDING_S
 
     def _take(self) -> None:
@@ -300,10 +300,10 @@ class Reckoner:
 
     def _forget(self) -> None:
         for name, rows in self._rows.items():
-            kept = rows[rows[:, 0] >= self._end_s - EVERY_S - KEPT_S]
-            self._rows[name] = kept if len(kept) >= 2 else rows[-2:]
-        kept = self._compass[self._compass[:, 0] >= self._end_s - EVERY_S]
-        self._compass = kept if len(kept) else self._compass[-1:]
+            first = int(np.searchsorted(rows[:, 0], self._end_s - EVERY_S - KEPT_S))
+            self._rows[name] = rows[min(first, max(len(rows) - 2, 0)) :]
+        first = int(np.searchsorted(self._compass[:, 0], self._end_s - EVERY_S))
+        self._compass = self._compass[min(first, max(len(self._compass) - 1, 0)) :]
 
 
 class _Member:
@@ -319,7 +319,7 @@ class _Member:
     def trust(self) -> float:
         """1 of a network that agrees with the first one as well as both claim, 0 where it has long contradicted it."""
         low, high = APART
-        return float(np.clip((high - self._apart) / (high - low), 0.0, 1.0))
+        return min(max((high - self._apart) / (high - low), 0.0), 1.0)
 
     def compare(self, first: Move, own: Move) -> None:
         """Takes a second as the first network, and as this one, has it."""
@@ -331,7 +331,8 @@ class _Member:
     def move(self, end_s: float, features: FloatArray, yaw_rad: float, height_m: float) -> Move:
         """The second that ends with a window."""
         said, self._memory = self._network.ask(features, height_m, self._memory)
-        shaking_mps2 = float(np.sqrt(features[:3, -HORIZON:].var(axis=1).sum()))
+        force = features[:3, -HORIZON:]
+        shaking_mps2 = math.sqrt(np.sum((force - np.sum(force, axis=1, keepdims=True) / HORIZON) ** 2) / HORIZON)
         is_at_rest = self._network.carried == PHONE and shaking_mps2 < AT_REST_MPS2[self._has_walked]
         unrhythmic = 0.0 if is_at_rest else self._unrhythmic(said.rhythm)
         stands, doubt = said.standing > 0.0, unrhythmic
@@ -354,13 +355,13 @@ class _Member:
 
     def _unrhythmic(self, peak: float) -> float:
         """0 while the phone shakes as steps do, 1 where it has long been shaken by something else."""
-        if not np.isfinite(peak):
+        if not math.isfinite(peak):
             return 0.0
         self._shaken = min(self._shaken + 1, RHYTHM_SECONDS)
         self._rhythm += (peak - self._rhythm) / self._shaken
         low, high = RHYTHMS
         self._has_walked |= self._shaken == RHYTHM_SECONDS and self._rhythm > high
-        return float(np.clip((high - self._rhythm) / (high - low), 0.0, 1.0))
+        return min(max((high - self._rhythm) / (high - low), 0.0), 1.0)
 
 
 def mean_move(moves: Sequence[Move], trust: Sequence[float]) -> Move:
