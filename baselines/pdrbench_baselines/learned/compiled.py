@@ -52,7 +52,7 @@ _RESNET: Final = "resnet"
 _NORM_EPSILON: Final = 1e-5  # of batch normalisation, as PyTorch
 _STRIDES: Final = {3: 1, 4: 2, 5: 1, 6: 2, 7: 1}  # of residual blocks, by their place in the trunk
 _BLOCKS: Final = len(_STRIDES)
-_LINEAR: Final = ("trunk.8", "neck.0", "memory", "memory", "head.0", "head.2")
+_LINEAR: Final = (("neck.0", ""), ("memory", "_ih_l0"), ("memory", "_hh_l0"), ("head.0", ""), ("head.2", ""))
 _STEPS: Final = slice(LAGS.index(STEP_LAGS[0]), LAGS.index(STEP_LAGS[1]) + 1)
 _LAGS: Final = np.array(LAGS)
 _PADDING: Final = 3  # rows of zeros before and after inputs, for the first layer; one around what other layers give
@@ -100,17 +100,6 @@ def _added(out: Any, x: Any, parameters: Any, layer: Any, least: float) -> Any:
 
 
 @compiled
-def _joined(one: Any, other: Any) -> Any:
-    """(3, m + n) of (m,) and (n,): what a layer takes that has no width."""
-    x = np.zeros((3, len(one) + len(other)))
-    for i in range(len(one)):
-        x[1, i] = one[i]
-    for i in range(len(other)):
-        x[1, len(one) + i] = other[i]
-    return x
-
-
-@compiled
 def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layers: Any) -> Any:
     """Outputs, memory (`MEMORY`,), and, of a network with a gait, by how much features are unlike usual ones, squared.
 
@@ -124,22 +113,22 @@ def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layer
             x = _layer(x, parameters, layers[i + 2], -math.inf)
         x = _added(x, inner, parameters, layers[i + 1], 0.0)
     x = _layer(x, parameters, layers[end], 0.0)
-    length, none = len(x) - 2, past[:0]
+    length = len(x) - 2
     channels = np.empty(length * x.shape[1])
     for at in range(len(channels)):
         channels[at] = x[1 + at % length, at // length]
-    seen = _layer(_joined(channels, beside), parameters, layers[end + 1], 0.0)[1]
-    gates = _layer(_joined(seen, change), parameters, layers[end + 2], -math.inf)[1]
-    past_gates, memory = _layer(_joined(past, none), parameters, layers[end + 3], -math.inf)[1], np.empty(MEMORY)
+    seen = _layer(np.concatenate((channels, beside)).reshape(1, -1), parameters, layers[end + 1], 0.0)[1]
+    gates = _layer(np.concatenate((seen, change)).reshape(1, -1), parameters, layers[end + 2], -math.inf)[1]
+    past_gates, memory = _layer(past.reshape(1, -1), parameters, layers[end + 3], -math.inf)[1], np.empty(MEMORY)
     for m in range(MEMORY):
         reset = 1.0 / (1.0 + math.exp(-gates[m] - past_gates[m]))
         update = 1.0 / (1.0 + math.exp(-gates[MEMORY + m] - past_gates[MEMORY + m]))
         new = math.tanh(gates[2 * MEMORY + m] + reset * past_gates[2 * MEMORY + m])
         memory[m] = new + update * (past[m] - new)
-    head = _layer(_joined(seen, memory), parameters, layers[end + 4], 0.0)
-    out, unlike = _layer(head, parameters, layers[end + 5], -math.inf)[1], 0.0
+    head = _layer(np.concatenate((seen, memory)).reshape(1, -1), parameters, layers[end + 4], 0.0)[1]
+    out, unlike = _layer(head.reshape(1, -1), parameters, layers[end + 5], -math.inf)[1], 0.0
     if len(beside):
-        for value in _layer(_joined(seen, none), parameters, layers[end + 6], -math.inf)[1]:
+        for value in _layer(seen.reshape(1, -1), parameters, layers[end + 6], -math.inf)[1]:
             unlike += value**2
     return out, memory, unlike
 
@@ -306,15 +295,15 @@ class CompiledNetwork:
         layers: list[tuple[int, ...]] = []
         parameters: list[FloatArray] = []
 
-        def add(weight: FloatArray, bias: FloatArray, stride: int = 1, padding: int = 1) -> None:
+        def add(weight: FloatArray, bias: FloatArray, stride: int = 1, padding: int = 0) -> None:
             matrix = np.atleast_3d(weight).transpose(2, 1, 0)
             if bias.shape != matrix.shape[2:]:
                 raise ValueError(f"{len(bias)} values of bias for weights {matrix.shape}")
             layers.append((*matrix.shape, stride, padding, sum(map(len, parameters))))
             parameters.extend((matrix.ravel(), bias))
 
-        def linear(name: str, suffix: str = "", stride: int = 1) -> None:
-            add(arrays[f"{name}.weight{suffix}"], arrays[f"{name}.bias{suffix}"], stride)
+        def linear(name: str, suffix: str = "", stride: int = 1, padding: int = 0) -> None:
+            add(arrays[f"{name}.weight{suffix}"], arrays[f"{name}.bias{suffix}"], stride, padding)
 
         def normalised(name: str, norm: str, stride: int = 1, padding: int = 1) -> None:
             spread = np.sqrt(arrays[f"{norm}.running_var"].astype(np.float64) + _NORM_EPSILON)
@@ -328,10 +317,11 @@ class CompiledNetwork:
             normalised(f"{name}.body.0", f"{name}.body.1", stride)
             normalised(f"{name}.body.3", f"{name}.body.4")
             if f"{name}.way.weight" in arrays:
-                linear(f"{name}.way", stride=stride)
+                linear(f"{name}.way", stride=stride, padding=1)
             else:
                 layers.append((0,) * 6)
-        for name, suffix in zip(_LINEAR, ("", "", "_ih_l0", "_hh_l0", "", ""), strict=True):
+        linear("trunk.8", padding=1)
+        for name, suffix in _LINEAR:
             linear(name, suffix)
         if {layers[-4][2], layers[-3][2]} != {3 * MEMORY}:
             raise ValueError("memory of another size")
@@ -359,8 +349,7 @@ class CompiledNetwork:
         force, rates = window[0:3] / REST_MPS2, window[3:6] / REST_RADPS
         weight = np.exp(-np.sum(force**2, axis=0) - np.sum(rates**2, axis=0)) + MIN_WEIGHT
         summed = np.cumsum(window[0:2], axis=1) / RATE_HZ
-        x = np.zeros((5, WINDOW))
-        x[1], x[2:4] = weight, weight * summed
+        x = np.concatenate([weight[None], weight * summed])
         near = _layer(x, self._parameters, self._layers[-1], -math.inf)
         rested_mps: FloatArray = summed - near[2:4] / near[1]
         return rested_mps

@@ -221,15 +221,13 @@ class Reckoner:
             return
         new = {name: np.concatenate(waiting) for name, waiting in self._waiting.items()}
         self._waiting = {name: [] for name in self._source.sensors}
-        if "rotation" in new:
-            self._check(new)
-            new = self._source.update(new)
-        else:
-            new = self._source.update(new)
-            self._check(new)
+        given = self._source.update(new)
+        if self._checks is not None:
+            self._checks.take(new if "rotation" in new else given)
         for name in SENSORS:
-            self._rows[name] = np.concatenate([self._rows[name], new[name]])
-        self._compass = np.concatenate([self._compass, new.get("compass", np.zeros((0, 2)))])
+            self._rows[name] = np.concatenate([self._rows[name], given[name]])
+        if "compass" in given:
+            self._compass = np.concatenate([self._compass, given["compass"]])
 
     def _with_unknown(self, move: Move | None) -> Iterator[Move]:
         """A second; with the first that is known those before it, which fade backwards from it."""
@@ -241,10 +239,6 @@ class Reckoner:
             yield _as_guess(faded, REPEATED_FRACTION)
         self._unknown_ends_s = []
         yield move
-
-    def _check(self, new: Mapping[str, FloatArray]) -> None:
-        if self._checks is not None:
-            self._checks.take(new)
 
     def latest_change_m(self) -> tuple[float, FloatArray] | None:
         """Between two seconds: by how much more the second that ends with the newest samples says than the last one.
