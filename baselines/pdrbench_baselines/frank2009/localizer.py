@@ -109,7 +109,7 @@ class HistogramMatcher:
         the survey knows, or only repeats older readings, has none: the last answer is kept.
         """
         found = []
-        for t_s in np.unique(rows[:, 0]).tolist():
+        for t_s in sorted(set(rows[:, 0].tolist())):
             if t_s <= self._last_s:
                 continue
             self._last_s = t_s

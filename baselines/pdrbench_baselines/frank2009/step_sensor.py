@@ -134,8 +134,9 @@ def _at_samples(mag: FloatArray | None, t_s: FloatArray) -> FloatArray | None:
         return mag[:, 1:4].copy()
     field = np.full((len(t_s), 3), np.nan)
     if len(mag):
-        half_s = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.005
-        after = np.searchsorted(t_s, mag[:, 0]).clip(max=len(t_s) - 1)
+        steps_s = np.sort(t_s[1:] - t_s[:-1])  # `np.median` takes ten times as long for a few
+        half_s = 0.25 * (steps_s[(len(steps_s) - 1) // 2] + steps_s[len(steps_s) // 2]) if len(steps_s) else 0.005
+        after = np.minimum(np.searchsorted(t_s, mag[:, 0]), len(t_s) - 1)
         before = np.maximum(after - 1, 0)
         is_before = np.abs(t_s[before] - mag[:, 0]) < np.abs(t_s[after] - mag[:, 0])
         at = np.where(is_before, before, after)

@@ -189,9 +189,9 @@ class Reckoner:
         """Those that are complete, in the frame of the rotation vector."""
         for name, waiting in self._waiting.items():
             is_finite = np.isfinite(rows[name])
-            new = rows[name].copy() if is_finite.all() else rows[name][is_finite.all(axis=1)]
-            waiting.append(new)
-            self._newest_s[name] = max(self._newest_s[name], float(new[-1, 0]) if len(new) else -math.inf)
+            waiting.append(rows[name].copy() if is_finite.all() else rows[name][is_finite.all(axis=1)])
+            if len(waiting[-1]):
+                self._newest_s[name] = max(self._newest_s[name], float(waiting[-1][-1, 0]))
         if self._first_s is not None and self._source.turn_rad is not None and not self._is_due:
             return
         self._take()
