@@ -11,7 +11,7 @@ import functools
 import hashlib
 import hmac
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -158,7 +158,14 @@ def made_by(listed: BoardEnvironment, part: Part) -> str:
 
 
 def draw(
-    listed: BoardEnvironment, part: Part, secret: str, folder: Path, *, jobs: int = 1, progress: bool = False
+    listed: BoardEnvironment,
+    part: Part,
+    secret: str,
+    folder: Path,
+    *,
+    beside: Sequence[BoardEnvironment] = (),
+    jobs: int = 1,
+    progress: bool = False,
 ) -> DrawnPart:
     """Writes the walks of one part of an environment, unless they lie there already.
 
@@ -167,6 +174,7 @@ def draw(
         part: Of the environment.
         secret: Of the round. Everything that is secret in `folder` follows from it; it is not written itself.
         folder: For this round.
+        beside: Of these, the generated ones that have the same walks are drawn as well: what they share is made once.
         jobs: Processes.
         progress: Shows on stderr how far it is.
 
@@ -176,40 +184,45 @@ def draw(
     import joblib
 
     drawn = DrawnPart(listed.env, part, folder)
-    now = made_by(listed, part)
     is_there = all(of.is_file() for of in (drawn.observations / INDEX_FILE, drawn.truth / CANARIES_FILE))
-    if is_there and (drawn.made_by, drawn.index.nonce) == (now, secret_nonce(secret)):
+    if is_there and (drawn.made_by, drawn.index.nonce) == (made_by(listed, part), secret_nonce(secret)):
         return drawn
-    task = listed.task(part, secret)
-    names = opaque_names(listed, part, secret)
-    make_folder(drawn.observations)
-    make_folder(drawn.truth)
-    tasks = (joblib.delayed(_draw_walk)(listed, secret, walk, name, drawn) for name, walk in names.items())
+    walks = listed.walks_of(part, secret)
+    twins = [of for of in beside if of.env != listed.env and part in of.parts and of.is_generated]
+    drawing = [(of, DrawnPart(of.env, part, folder)) for of in (listed, *twins) if of.walks_of(part, secret) == walks]
+    names = [opaque_names(of, part, secret) for of, _ in drawing]
+    for _, place in drawing:
+        make_folder(place.observations)
+        make_folder(place.truth)
+    called = zip(walks, zip(*names, strict=True), strict=True)
+    tasks = (joblib.delayed(_draw_walk)(secret, drawing, *of_walk) for of_walk in called)
     written = []
-    with reporting(len(names), 0, shown=progress, what=f"walks of {listed.env}, {part}, drawn") as advance:
+    with reporting(len(walks), 0, shown=progress, what=f"walks of {listed.env}, {part}, drawn") as advance:
         for one in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
             written.append(one)
             advance(COMPLETE, listed.env)
-    walks = {name: digest for name, (digest, _) in zip(names, written, strict=True)}
-    ends_s = {name: end_s for name, (_, end_s) in zip(names, written, strict=True)}
-    canaries = _draw_canaries(task, part, secret, drawn, ends_s, jobs) if part == HELD_OUT_PART else {}
-    write_whole(drawn.truth / CANARIES_FILE, _packed(canaries))
-    walks |= {name: sha256_of(drawn.observations / f"{name}{SUFFIX}") for name in canaries}
-    index = Index(
-        env=listed.env,
-        nonce=secret_nonce(secret),
-        sensors=task.sensors,
-        capacity=dict(task.capacity),
-        period_s=task.period_s,
-        start=task.start,
-        walks=dict(sorted(walks.items())),  # the order says nothing
-        random_as={name: of.of for name, of in canaries.items()},
-    )
-    content = encoder().encode(index)
-    source = TASK_SOURCE.format(sha256=hashlib.sha256(content).hexdigest())
-    write_whole(drawn.observations / TASK_FILE, source.encode())
-    write_whole(drawn.observations / INDEX_FILE, content)
-    write_whole(drawn.truth / MADE_BY_FILE, now.encode())
+    for (of, place), known_as, files in zip(drawing, names, zip(*written, strict=True), strict=True):
+        task = of.task(part, secret)
+        digests = {name: digest for name, (digest, _) in zip(known_as, files, strict=True)}
+        ends_s = {name: end_s for name, (_, end_s) in zip(known_as, files, strict=True)}
+        canaries = _draw_canaries(task, part, secret, place, ends_s, jobs) if part == HELD_OUT_PART else {}
+        write_whole(place.truth / CANARIES_FILE, _packed(canaries))
+        digests |= {name: sha256_of(place.observations / f"{name}{SUFFIX}") for name in canaries}
+        index = Index(
+            env=of.env,
+            nonce=secret_nonce(secret),
+            sensors=task.sensors,
+            capacity=dict(task.capacity),
+            period_s=task.period_s,
+            start=task.start,
+            walks=dict(sorted(digests.items())),  # the order says nothing
+            random_as={name: one.of for name, one in canaries.items()},
+        )
+        content = encoder().encode(index)
+        source = TASK_SOURCE.format(sha256=hashlib.sha256(content).hexdigest())
+        write_whole(place.observations / TASK_FILE, source.encode())
+        write_whole(place.observations / INDEX_FILE, content)
+        write_whole(place.truth / MADE_BY_FILE, made_by(of, part).encode())
     return drawn
 
 
@@ -252,15 +265,20 @@ def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str,
     }
 
 
-def _draw_walk(listed: BoardEnvironment, secret: str, walk: str, name: str, drawn: DrawnPart) -> tuple[str, float]:
-    """Writes one walk; the sha256 of what a localizer may see of it, and when it ends."""
-    task = listed.task(drawn.part, secret)
-    recording = task.load(walk)
-    rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
-    content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))
-    write_whole(drawn.observations / f"{name}{SUFFIX}", content)
-    write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(make_truth(task, recording)))
-    return hashlib.sha256(content).hexdigest(), recording.end_s
+def _draw_walk(
+    secret: str, drawing: Sequence[tuple[BoardEnvironment, DrawnPart]], walk: str, names: Sequence[str]
+) -> list[tuple[str, float]]:
+    """Writes one walk under a name in each place; the sha256 of what a localizer may see of it, and when it ends."""
+    found = []
+    for (listed, drawn), name in zip(drawing, names, strict=True):
+        task = listed.task(drawn.part, secret)
+        recording = task.load(walk)
+        rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
+        content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))
+        write_whole(drawn.observations / f"{name}{SUFFIX}", content)
+        write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(make_truth(task, recording)))
+        found.append((hashlib.sha256(content).hexdigest(), recording.end_s))
+    return found
 
 
 def make_truth(task: Task, recording: Recording) -> Truth:

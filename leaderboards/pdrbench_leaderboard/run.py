@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,6 +58,7 @@ ANSWERS: Final = "answers"  # below the folder of a round
 CONFINED_MODE: Final = "landlock+namespaces+seccomp"  # of a localizer that was confined
 WRITTEN: Final = "written"  # likewise: digests of entries
 SENT: Final = "sent"  # likewise: bundles, unpacked
+Drawing = functools.partial[DrawnPart]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,12 @@ class Settings:
                 raise BundleError(f"{entrant.card.name} is not registered here: it is played confined beside a secret")
             find_launcher(CONFINED).check(entrant.spec, localizer_target(entrant.spec))
 
+    def drawing(self, boards: Sequence[Board]) -> Drawing:
+        """`draw` for parts of environments of boards; raises `BundleError`."""
+        beside = {of.env: of.first(self.walks) for board in boards for of in board.environments}.values()
+        shown = functools.partial(draw, jobs=self.jobs, progress=self.progress)
+        return functools.partial(shown, secret=self.secret_text, folder=self.work, beside=list(beside))
+
     @staticmethod
     def work_of(of_round: Round) -> Path:
         """Where drawn walks and answers of a round are kept by default: competitions have rounds of the same number."""
@@ -174,7 +182,7 @@ def run(
             yield Outcome(name, "every environment", "held-out", why=f"{one.card.name} is not installed here")
     settings.check([one for wanted in wanted_on.values() for one in wanted])
     _check_names(wanted_on, settings)
-    secret = settings.secret_text
+    drawing = settings.drawing(boards)
     for board in boards:
         wanted = []
         for one in wanted_on[board.name]:
@@ -186,7 +194,7 @@ def run(
             listed = each.first(settings.walks)
             for part in listed.parts:
                 if part in settings.parts:
-                    yield _run_part(board, listed, part, wanted, settings, secret)
+                    yield _run_part(board, listed, part, wanted, settings, drawing)
 
 
 def _check_names(wanted_on: Mapping[str, Sequence[Entrant]], settings: Settings) -> None:
@@ -205,12 +213,11 @@ def _check_names(wanted_on: Mapping[str, Sequence[Entrant]], settings: Settings)
 
 def draw_all(boards: Sequence[Board], settings: Settings) -> Iterator[DrawnPart]:
     """Draws the walks of boards, as the first of three steps: nothing is played. Raises `BundleError`."""
-    secret = settings.secret_text
-    for listed in {each.env: each for board in boards for each in board.environments}.values():
+    drawing = settings.drawing(boards)
+    for listed in drawing.keywords["beside"]:
         for part in listed.parts if listed.has_data else ():
             if part in settings.parts:
-                few = listed.first(settings.walks)
-                yield draw(few, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
+                yield drawing(listed, part)
 
 
 def unpacked(spec: str, settings: Settings, card: Path | None = None) -> Entrant:
@@ -258,7 +265,7 @@ def _as_played_by(entrant: Entrant, results: Sequence[Result]) -> list[Result]:
 
 
 def _run_part(
-    board: Board, listed: BoardEnvironment, part: Part, wanted: Sequence[Entrant], settings: Settings, secret: str
+    board: Board, listed: BoardEnvironment, part: Part, wanted: Sequence[Entrant], settings: Settings, drawing: Drawing
 ) -> Outcome:
     if not listed.has_data:
         return Outcome(board.name, listed.env, part, why="its recorded data is not found, see `pdrbench data`")
@@ -266,7 +273,7 @@ def _run_part(
     known = newest(folder, (listed.env, part))
     number, now = settings.round.number, made_by(listed, part)
     if known is None or (known.round, known.made_by) != (number, now):
-        drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
+        drawn = drawing(listed, part)
         is_same = known is not None and (known.round, known.sha256) == (number, walks_sha256(drawn.index))
         if known is not None and is_same:  # whatever has changed of what draws them
             known = msgspec.structs.replace(known, made_by=now)
@@ -277,7 +284,7 @@ def _run_part(
     kept = tuple(one.card.name for one in wanted if one not in todo)
     if not todo:
         return Outcome(board.name, listed.env, part, kept=kept)
-    drawn = draw(listed, part, secret, settings.work, jobs=settings.jobs, progress=settings.progress)
+    drawn = drawing(listed, part)
     return _enter_all(board, drawn, todo, _play(drawn, todo, settings), settings, kept)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pdrbench.building.polygons import WALL, FloorPolygon, Zone, shapely_polygons, triangulated
+from pdrbench.building.polygons import WALL, FloorPolygon, Zone, following, shapely_polygons, triangulated
 from pdrbench.building.region import FloorRegion
 from pdrbench.building.validation import check_building, check_pieces
 from pdrbench.errors import MapError
@@ -60,7 +60,7 @@ class Building:
         counts = np.array([sum(len(ring) for ring in polygon.rings) for polygon in self.polygons])
         packed: dict[str, Any] = {
             "edge_start_xy_m": read_only(np.concatenate(rings)),
-            "edge_end_xy_m": read_only(np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])),
+            "edge_end_xy_m": read_only(np.concatenate([following(ring) for ring in rings])),
             "edge_neighbour": read_only(np.concatenate([p.neighbour for p in self.polygons]), np.int64),
             "edge_polygon": read_only(np.repeat(np.arange(len(self.polygons)), counts), np.int64),
             "first_edge": read_only(np.concatenate([[0], np.cumsum(counts)]), np.int64),

@@ -18,12 +18,12 @@ from pdrbench.metrics import METRICS
 from pdrbench.registry import make_task
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard import record, score, table
-from pdrbench_leaderboard.boards import Board, Round, boards, find_round
+from pdrbench_leaderboard.boards import Board, BoardEnvironment, Round, boards, find_round
 from pdrbench_leaderboard.bundle import write_bundle
 from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.checking import check_board, compare_entries, disagree
 from pdrbench_leaderboard.confine.read_permissions import hidden_places
-from pdrbench_leaderboard.draw import INDEX_FILE, draw, drawn_task, read_truth
+from pdrbench_leaderboard.draw import INDEX_FILE, DrawnPart, draw, drawn_task, read_truth
 from pdrbench_leaderboard.entrants import Entrant
 from pdrbench_leaderboard.run import Outcome, Settings, run
 from pdrbench_leaderboard.signing import new_key
@@ -49,6 +49,17 @@ def test_the_secret_of_a_round_is_the_one_that_was_committed_to() -> None:
         closed.secret_of(None)
     with pytest.raises(BundleError, match="sha256 differs"):
         closed.secret_of("0" * 32)
+
+
+def test_what_has_the_same_walks_is_drawn_with_them_as_it_is_drawn_alone(tmp_path: Path) -> None:
+    known, lost = (BoardEnvironment(env=f"CampusPhone{of}-v1", walks=1, held_out_walks=1) for of in ("", "Lost"))
+    strides = BoardEnvironment(env="CampusStride-v1", walks=1, held_out_walks=1)
+    drawn = draw(known, "held-out", SECRET, tmp_path / "together", beside=[strides, known, lost])
+    beside, alone = DrawnPart(lost.env, "held-out", drawn.folder), draw(lost, "held-out", SECRET, tmp_path / "alone")
+    one, other = ((of.observations / INDEX_FILE).read_bytes() for of in (beside, alone))  # with digests of all walks
+    assert (one, beside.made_by, beside.canaries) == (other, alone.made_by, alone.canaries)
+    assert drawn.index.walks.keys().isdisjoint(beside.index.walks)
+    assert not DrawnPart(strides.env, "held-out", drawn.folder).observations.exists()
 
 
 def test_drawn_walks_hold_neither_truth_nor_names(tmp_path: Path) -> None:

@@ -226,8 +226,20 @@ def _phone_task(env: str, start: str, about_start: str, *, is_lost: bool) -> Tas
 
 def _load_phone(is_lost: bool, walk: str) -> Recording:
     from pdrbench_formats.derive import derive
-    from pdrbench_sim.record import IN_HAND, simulate_walk
     from pdrbench_sim.resolution import rounded
+
+    recording = _carried(walk)
+    start = None if is_lost else start_place(recording)
+    derived = derive(recording.streams, recording.mounting, (LEVEL_CHANGE,), start=start, building=recording.building)
+    specs = {spec.name: spec for spec in _specs(PHONE_SENSORS, PHONE_HZ)}
+    streams = {name: SensorStream(specs.get(name, stream.spec), stream.rows) for name, stream in derived.items()}
+    reference = _after_first_scan(recording) if is_lost else recording.reference
+    return rounded(dataclasses.replace(recording, streams=streams, reference=reference, device="simulated phone"))
+
+
+@functools.lru_cache(maxsize=1)  # where the start is known and where it is not, one after the other
+def _carried(walk: str) -> Recording:
+    from pdrbench_sim.record import IN_HAND, simulate_walk
 
     bearer, scene = PEOPLE.bearer(walk), PEOPLE.scene(walk)
     profile = bearer.manner.profile
@@ -239,7 +251,7 @@ def _load_phone(is_lost: bool, walk: str) -> Recording:
         device=PEOPLE.phone(walk),
         manner=bearer.manner,
     )
-    recording = simulate_walk(
+    return simulate_walk(
         scene,
         PEOPLE.seed(walk),
         setup,
@@ -249,13 +261,6 @@ def _load_phone(is_lost: bool, walk: str) -> Recording:
         walk=bearer.walk,
         name=walk,
     )
-    start = None if is_lost else start_place(recording)
-    derived = derive(recording.streams, recording.mounting, (LEVEL_CHANGE,), start=start, building=scene.building)
-    specs = {spec.name: spec for spec in _specs(PHONE_SENSORS, PHONE_HZ)}
-    streams = {name: SensorStream(specs.get(name, stream.spec), stream.rows) for name, stream in derived.items()}
-    reference = _after_first_scan(recording) if is_lost else recording.reference
-    recording = dataclasses.replace(recording, streams=streams, reference=reference, device="simulated phone")
-    return rounded(recording)
 
 
 def _after_first_scan(recording: Recording) -> Trajectory:
@@ -273,7 +278,10 @@ def _made(of: CampusWalks, task: Task) -> Task:
 
 
 def _survey(of: CampusWalks, recording: Recording) -> RadioMap:
-    return of.survey(recording.id)
+    return _surveyed(of, recording.id)
+
+
+_surveyed = functools.lru_cache(maxsize=1)(CampusWalks.survey)
 
 
 def _specs(sensors: tuple[str, ...], rate_hz: float) -> tuple[SensorSpec, ...]:

@@ -1,6 +1,6 @@
 """Compiled search for the lines that rays from one origin cross, and the count of walls among them.
 
-All points are relative to the origin. Angles around it fall into sectors, and a ray is held against the lines of its
+All points are relative to the origin. Directions from it fall into sectors, and a ray is held against the lines of its
 own sector only; which of them it cuts follows from signs of cross products alone.
 """
 
@@ -19,6 +19,14 @@ _MARGIN: Final = 1e-9  # of a sector: what is on its border belongs to both
 
 
 @njit(cache=True)
+def _direction(x: float, y: float) -> float:
+    """A number of sectors that rises with the angle of (x, y), from -half to half of them, without its arctangent."""
+    reach = abs(x) + abs(y)
+    part = y / reach * (SECTORS / 4) if reach > 0 else 0.0
+    return part if x >= 0 else math.copysign(SECTORS / 2, y) - part
+
+
+@njit(cache=True)
 def lines_by_sector(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
     """Which lines reach into each sector.
 
@@ -30,17 +38,12 @@ def lines_by_sector(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
         first: (SECTORS + 1,) int, those of sector k are `line[first[k]:first[k + 1]]`.
         line: (L,) int, rising within a sector.
     """
-    scale = SECTORS / (2 * math.pi)
-    low = np.empty(len(a), dtype=np.int64)
-    reach = np.empty(len(a), dtype=np.int64)
+    low, reach = np.empty(len(a), dtype=np.int64), np.empty(len(a), dtype=np.int64)
     first = np.zeros(SECTORS + 1, dtype=np.int64)
     for i in range(len(a)):
-        begin = math.atan2(a[i, 1], a[i, 0]) * scale
-        turn = math.atan2(b[i, 1], b[i, 0]) * scale - begin
-        if turn > SECTORS / 2:
-            turn -= SECTORS
-        elif turn < -SECTORS / 2:
-            turn += SECTORS
+        begin = _direction(a[i, 0], a[i, 1])
+        turn = _direction(b[i, 0], b[i, 1]) - begin
+        turn -= SECTORS * round(turn / SECTORS)  # the short way
         low[i] = math.floor(begin + min(turn, 0.0) - _MARGIN)
         reach[i] = math.floor(begin + max(turn, 0.0) + _MARGIN) - low[i] + 1
         for k in range(low[i], low[i] + reach[i]):
@@ -68,7 +71,7 @@ def _cuts(
     cut: IntArray,
 ) -> int:
     """Fills in where the ray to (x, y) is cut, from near to far, and by which line; returns how often."""
-    sector = math.floor(math.atan2(y, x) * (SECTORS / (2 * math.pi))) % SECTORS
+    sector = math.floor(_direction(x, y)) % SECTORS
     count = 0
     for nth in range(first[sector], first[sector + 1]):
         i = line[nth]
@@ -118,27 +121,22 @@ def find_crossings(
 def count_walls(
     a: FloatArray,
     b: FloatArray,
-    direction: FloatArray,
-    first: IntArray,
-    line: IntArray,
+    along: FloatArray,
     place: FloatArray,
     length_m: FloatArray,
-    max_wall_m: float,
-    light_m: float,
-    parallel: float,
+    limits: tuple[float, float, float],
 ) -> tuple[IntArray, IntArray]:
     """Light and heavy walls on rays to places (N, 2); see `Obstacles.walls_crossed`.
 
     Args:
         a, b: (W, 2) ends of the faces.
-        direction: (W, 2) unit vectors along them.
-        first, line: From `lines_by_sector`.
+        along: (W, 2) from one end to the other.
         place: (N, 2).
         length_m: (N,) of the rays.
-        max_wall_m: What is farther from the face before it is another wall.
-        light_m: A wall up to so thick is light.
-        parallel: Largest sine of the angle between the faces of one wall.
+        limits: `MAX_WALL_M`, `LIGHT_WALL_M` and `PARALLEL` of `pdrbench_sim.radio.rays`.
     """
+    max_wall_m, light_m, parallel = limits
+    first, line = lines_by_sector(a, b)
     fraction = np.empty(len(a))
     cut = np.empty(len(a), dtype=np.int64)
     light = np.zeros(len(place), dtype=np.int64)
@@ -146,13 +144,12 @@ def count_walls(
     for n in range(len(place)):
         count = _cuts(place[n, 0], place[n, 1], a, b, first, line, fraction, cut)
         num_faces, thickness_m = 0, 0.0
-        for k in range(count):
-            is_behind = False
-            across_m = 0.0
-            if k > 0:
+        for k in range(count + 1):  # a wall ends before the next one, or with the ray
+            is_behind, across_m = False, 0.0
+            if 0 < k < count:
                 p, q = place[n, 0] / length_m[n], place[n, 1] / length_m[n]
-                u, v = direction[cut[k - 1]]
-                s, t = direction[cut[k]]
+                u, v = along[cut[k - 1]] / math.hypot(along[cut[k - 1], 0], along[cut[k - 1], 1])
+                s, t = along[cut[k]] / math.hypot(along[cut[k], 0], along[cut[k], 1])
                 gap_m = (fraction[k] - fraction[k - 1]) * length_m[n]
                 across_m = gap_m * abs(p * t - q * s) if abs(u * t - v * s) < parallel else gap_m
                 is_behind = gap_m < max_wall_m or across_m < max_wall_m
@@ -165,8 +162,4 @@ def count_walls(
             elif num_faces > 0:
                 heavy[n] += 1
             num_faces, thickness_m = 1, 0.0
-        if num_faces > 1 and thickness_m <= light_m:
-            light[n] += 1
-        elif num_faces > 0:
-            heavy[n] += 1
     return light, heavy

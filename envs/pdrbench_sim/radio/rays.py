@@ -66,10 +66,7 @@ class Obstacles:
         """
         a, b = self.walls.start_xy_m - origin_xy_m, self.walls.end_xy_m - origin_xy_m
         ray, along = place_xy_m - origin_xy_m, self.walls.end_xy_m - self.walls.start_xy_m
-        direction = along / np.hypot(*along.T)[:, None]
-        sectors = lines_by_sector(a, b)
-        limits = MAX_WALL_M, LIGHT_WALL_M, PARALLEL
-        return count_walls(a, b, direction, *sectors, ray, np.hypot(*ray.T), *limits)
+        return count_walls(a, b, along, ray, np.hypot(*ray.T), (MAX_WALL_M, LIGHT_WALL_M, PARALLEL))
 
     def doors_crossed(self, origin_xy_m: FloatArray, place_xy_m: FloatArray) -> tuple[IntArray, IntArray]:
         """Doors between an origin (2,) and places (N, 2), each once.

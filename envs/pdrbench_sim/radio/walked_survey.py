@@ -20,9 +20,7 @@ from pdrbench_sim.radio.wlan import Receiver, draw_opaque_ids, draw_receiver
 from pdrbench_sim.resolution import rounded_survey
 
 SURVEY_MPS: Final = 1.1  # [M] of the surveyors of ILC20
-PERIOD_HEARD: Final = (
-    ScanParams().period_heard
-)  # identifiers that set the pace of scans: that of the surveyors of ILC20
+PERIOD_HEARD: Final = ScanParams().period_heard  # identifiers that set the pace of scans: of the surveyors of ILC20
 CLEARANCE_M: Final = 0.3  # of a way from corners; sources.md 1.10
 SPACING_M: Final = 0.5  # of the points of a survey walk; ours
 REPLACED_A_MONTH: Final = 0.05  # of the boxes: they send other identifiers then (sources.md 1.9)

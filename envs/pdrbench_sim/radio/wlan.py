@@ -150,23 +150,22 @@ class RadioField:
             np.column_stack([place_xy_m, np.broadcast_to(np.asarray(height_m, dtype=np.float64), count)]),
             ~self._doors(doors_open, count),
         )
-        return np.column_stack([self._mean_of(sender, where) for sender in range(len(self.access_points))])
-
-    def _mean_of(self, sender: int, where: _Places) -> FloatArray:
-        """(N,) what is received of one access point."""
         params, senders = self.params, self.access_points
-        away_m = where.xyz_m - [*senders.xy_m[sender], senders.height_m[sender]]
-        distance_m = np.maximum(np.linalg.norm(away_m, axis=1), 1.0)
-        rssi_dbm: FloatArray = senders.rssi_1m_dbm[sender] - 10 * params.exponent * np.log10(distance_m)
-        k = np.abs(where.level - senders.level[sender]).astype(np.float64)
-        rssi_dbm -= params.level_loss_db * k ** ((k + 2) / (k + 1) - params.level_loss_b)
+        away_m = where.xyz_m - np.column_stack([senders.xy_m, senders.height_m])[:, None]
+        distance_m = np.maximum(np.linalg.norm(away_m, axis=2), 1.0)
+        rssi_dbm: FloatArray = senders.rssi_1m_dbm[:, None] - 10 * params.exponent * np.log10(distance_m)
+        k = np.abs(where.level - senders.level[:, None])
+        levels = np.arange(k.max(initial=0) + 1.0)
+        rssi_dbm -= (params.level_loss_db * levels ** ((levels + 2) / (levels + 1) - params.level_loss_b))[k]
         for level, here in obstacles(self.building).items():
-            place = np.flatnonzero((where.level == level) & (rssi_dbm > FAINT_DBM))
-            if len(place):
-                rssi_dbm[place] -= self._obstacle_db(here, senders.xy_m[sender], where, place)
-        place = np.flatnonzero(rssi_dbm > FAINT_DBM)
-        rssi_dbm[place] += self.shadowing_db(sender, where.xyz_m[place])
-        return rssi_dbm
+            on_level = np.flatnonzero(where.level == level)
+            for sender in range(len(senders)):
+                place = on_level[rssi_dbm[sender, on_level] > FAINT_DBM]
+                if len(place):
+                    rssi_dbm[sender, place] -= self._obstacle_db(here, senders.xy_m[sender], where, place)
+        for sender, heard in enumerate(rssi_dbm > FAINT_DBM):
+            rssi_dbm[sender, heard] += self.shadowing_db(sender, where.xyz_m[heard])
+        return np.ascontiguousarray(rssi_dbm.T)
 
     def _obstacle_db(self, here: Obstacles, sender_xy_m: FloatArray, where: _Places, place: IntArray) -> FloatArray:
         """(n,) loss in the walls and closed doors of one level on the way to the given places (n,)."""
@@ -273,15 +272,15 @@ def _apportioned(area_m2: FloatArray, wanted: int) -> IntArray:
 
 def _spread(rng: np.random.Generator, building: Building, level: int, count: int) -> tuple[IntArray, FloatArray]:
     """Places on a level about as far from each other as can be: centres of clusters of its floor, moved onto it."""
-    from scipy.spatial import KDTree
+    from scipy.spatial.distance import cdist
 
     polygon, xy_m = building.sample_uniform(rng, _CANDIDATES * count, level)
     centre = xy_m[rng.choice(len(xy_m), count, replace=False)]
     for _ in range(20):
-        nearest = KDTree(centre).query(xy_m)[1]
-        size = np.maximum(np.bincount(nearest, minlength=count), 1)
-        centre = np.column_stack([np.bincount(nearest, weights=v, minlength=count) / size for v in xy_m.T])
-    chosen = KDTree(xy_m).query(centre)[1]
+        of = cdist(xy_m, centre, "sqeuclidean").argmin(axis=1)
+        size = np.maximum(np.bincount(of, minlength=count), 1)
+        centre = np.column_stack([np.bincount(of, weights=v, minlength=count) / size for v in xy_m.T])
+    chosen = cdist(centre, xy_m, "sqeuclidean").argmin(axis=1)
     return polygon[chosen], xy_m[chosen]
 
 
