@@ -127,7 +127,7 @@ def _inside(floor: Any, xs: FloatArray, ys: FloatArray) -> NDArray[np.bool_]:
     crossed = x[edge] + (ys[row] - y[edge]) / (y_end - y)[edge] * (x_end - x)[edge]
     num_left = np.zeros((len(ys), len(xs) + 1), dtype=np.int32)
     np.add.at(num_left, (row, np.searchsorted(xs, crossed)), 1)
-    return np.cumsum(num_left, axis=1)[:, :-1] % 2 == 1
+    return np.asarray(np.cumsum(num_left, axis=1)[:, :-1] % 2 == 1)
 
 
 def _touch(
