@@ -80,7 +80,9 @@ def _added(out: Any, x: Any, parameters: Any, layer: Any, least: float) -> Any:
         raise ValueError("weights for other inputs")
     weight, bias = parameters[begin : begin + span * outside].reshape(span, outside), begin + span * outside
     flat, first, stride = x.ravel(), first * inside, stride * inside
-    out[1:-1] += parameters[bias : bias + outside]
+    for t in range(count):
+        for o in range(outside):
+            out[t + 1, o] += parameters[bias + o]
     for j in range(0, span - 7, 8):  # eight products at a time: sums are loaded and stored an eighth as often
         for t in range(count):
             at = first + t * stride + j
@@ -111,7 +113,10 @@ def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layer
             x = _layer(x, parameters, layers[i + 2], -math.inf)
         x = _added(x, inner, parameters, layers[i + 1], 0.0)
     x = _layer(x, parameters, layers[end], 0.0)
-    channels = np.ascontiguousarray(x[1:-1].T).ravel()
+    length = len(x) - 2
+    channels = np.empty(length * x.shape[1])
+    for at in range(len(channels)):
+        channels[at] = x[1 + at % length, at // length]
     seen = _layer(np.concatenate((channels, beside)).reshape(1, -1), parameters, layers[end + 1], 0.0)[1]
     gates = _layer(np.concatenate((seen, change)).reshape(1, -1), parameters, layers[end + 2], -math.inf)[1]
     past_gates, memory = _layer(past.reshape(1, -1), parameters, layers[end + 3], -math.inf)[1], np.empty(MEMORY)
