@@ -13,6 +13,7 @@ from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.trajectory import Trajectory
+from pdrbench_lab.papers.single_scans import receive
 from pdrbench_lab.papers.woodman2008.experiments import DELTA, TRACKING_BINS
 from pdrbench_lab.papers.woodman2008.misses import exact_strides, without_drift
 from pdrbench_lab.papers.woodman2008.shared_field import SharedField
@@ -69,6 +70,6 @@ def test_what_reaches_a_place_is_computed_once_for_all_receivers(hangar: Buildin
             plain = make_radio_field(np.random.default_rng(1), hangar, params=params)
             shared = SharedField.of(plain, known_dbm)
             for seed in (2, 3):
-                scans = [one.receive(np.random.default_rng(seed), *place) for one in (plain, shared)]
+                scans = [receive(one, np.random.default_rng(seed), *place) for one in (plain, shared)]
                 assert scans[0].tobytes() == scans[1].tobytes()
         assert len(known_dbm) == num_asked
