@@ -76,8 +76,9 @@ class Cloud(LearnedMapFilter):
     def mean_bias_rad(self) -> float:
         """Error of headings; on a circle where particles may walk in any direction."""
         if self._mean_bias_rad is None:
-            turned = float(np.angle(np.exp(1j * self.bias_rad).mean())) if self._may_be_turned else None
-            self._mean_bias_rad = super().mean_bias_rad if turned is None else turned
+            self._mean_bias_rad = super().mean_bias_rad
+            if self._may_be_turned:
+                self._mean_bias_rad = float(np.angle(np.exp(1j * self.bias_rad).mean()))
         return self._mean_bias_rad
 
     @property

@@ -315,8 +315,9 @@ class Fusion(NetworkLocalizer):
             )
             if self._lost is not None and each is self._hypotheses[0]:
                 self._lost.weigh_by(log_likelihood, now_s, each.cloud.xy_m, each.cloud.level, gain)
-                if self._lost.lead > own.lost.lead:
-                    each.cloud.take(self._lost.draw(round(own.lost.fraction * each.cloud.num_particles)))
+                p = self._lost.params
+                if self._lost.lead > p.lead:
+                    each.cloud.take(self._lost.draw(round(p.fraction * each.cloud.num_particles)))
                     self._lost.lead = self._doubt = 0.0
             each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
         least = self._best.cloud.log_evidence + math.log(own.unlikely)

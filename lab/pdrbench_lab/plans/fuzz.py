@@ -577,7 +577,7 @@ def noise(rng: np.random.Generator) -> np.ndarray[Any, np.dtype[np.uint8]]:
         is_bright = (far % (2 * size + 2) >= 2) & ((turn * size % 1.0 > 0.05) | (rng.random() < 0.5))
     elif what == 4:  # a chess-board
         is_bright = (row // size + column // size) % 2 > 0
-    else:  # a comb, whose teeth are one corridor
+    else:  # one corridor with side corridors
         is_bright = (column % (2 * size + 2) >= 2) | ((row < 9) | (row >= high - 9)) & (
             column // (2 * size + 2) % 2 > 0
         )
