@@ -77,6 +77,7 @@ class Index(msgspec.Struct, frozen=True):
     period_s: float
     start: StartKnowledge
     walks: dict[str, str]  # sha256 of the file of each, by name
+    means: dict[str, str]  # magnitudes of what is in all files, to four digits
     random_as: dict[str, str] = {}  # name of the walk whose random numbers a walk has, where they are not its own
 
 
@@ -185,7 +186,7 @@ def draw(
 
     drawn = DrawnPart(listed.env, part, folder)
     is_there = all(of.is_file() for of in (drawn.observations / INDEX_FILE, drawn.truth / CANARIES_FILE))
-    if is_there and (drawn.made_by, drawn.index.nonce) == (made_by(listed, part), secret_nonce(secret)):
+    if is_there and drawn.made_by == made_by(listed, part) and drawn.index.nonce == secret_nonce(secret):
         return drawn
     walks = listed.walks_of(part, secret)
     twins = [of for of in beside if of.env != listed.env and part in of.parts and of.is_generated]
@@ -203,8 +204,7 @@ def draw(
             advance(COMPLETE, listed.env)
     for (of, place), known_as, files in zip(drawing, names, zip(*written, strict=True), strict=True):
         task = of.task(part, secret)
-        digests = {name: digest for name, (digest, _) in zip(known_as, files, strict=True)}
-        ends_s = {name: end_s for name, (_, end_s) in zip(known_as, files, strict=True)}
+        digests, ends_s, means = (dict(zip(known_as, facts, strict=True)) for facts in zip(*files, strict=True))
         canaries = _draw_canaries(task, part, secret, place, ends_s, jobs) if part == HELD_OUT_PART else {}
         write_whole(place.truth / CANARIES_FILE, _packed(canaries))
         digests |= {name: sha256_of(place.observations / f"{name}{SUFFIX}") for name in canaries}
@@ -216,6 +216,7 @@ def draw(
             period_s=task.period_s,
             start=task.start,
             walks=dict(sorted(digests.items())),  # the order says nothing
+            means=_rounded_means(list(means.values())),
             random_as={name: one.of for name, one in canaries.items()},
         )
         content = encoder().encode(index)
@@ -267,18 +268,32 @@ def opaque_names(listed: BoardEnvironment, part: Part, secret: str) -> dict[str,
 
 def _draw_walk(
     secret: str, drawing: Sequence[tuple[BoardEnvironment, DrawnPart]], walk: str, names: Sequence[str]
-) -> list[tuple[str, float]]:
-    """Writes one walk under a name in each place; the sha256 of what a localizer may see of it, and when it ends."""
+) -> list[tuple[str, float, dict[str, float]]]:
+    """Writes one walk under a name in each place; the sha256 of what a localizer may see, its end, `magnitudes`."""
     found = []
     for (listed, drawn), name in zip(drawing, names, strict=True):
         task = listed.task(drawn.part, secret)
         recording = task.load(walk)
         rows = {spec.name: recording.streams[spec.name].rows for spec in task.sensors if spec.name in recording.streams}
-        content = _packed(DrawnWalk(task.brief(recording), rows, recording.end_s))
+        walk_file = DrawnWalk(task.brief(recording), rows, recording.end_s)
+        content = _packed(walk_file)
         write_whole(drawn.observations / f"{name}{SUFFIX}", content)
         write_whole(drawn.truth / f"{name}{SUFFIX}", _packed(make_truth(task, recording)))
-        found.append((hashlib.sha256(content).hexdigest(), recording.end_s))
+        found.append((hashlib.sha256(content).hexdigest(), recording.end_s, magnitudes(walk_file)))
     return found
+
+
+def magnitudes(walk: DrawnWalk) -> dict[str, float]:
+    """Means over what a localizer may see of a walk, which another processor gives but for rounding."""
+    columns = {name: np.abs(rows[:, 1:]).mean(axis=0) for name, rows in walk.rows.items() if len(rows)}
+    if (survey := walk.briefing.radio_map) is not None:
+        columns["survey"] = np.array([len(survey.level), np.abs(survey.rssi_dbm).mean()])
+    return {f"{name} {k}": float(value) for name, values in columns.items() for k, value in enumerate(values)}
+
+
+def _rounded_means(walks: Sequence[Mapping[str, float]]) -> dict[str, str]:
+    names = sorted(set().union(*walks))
+    return {name: f"{np.mean([of.get(name, 0.0) for of in walks]):.4g}" for name in names}
 
 
 def make_truth(task: Task, recording: Recording) -> Truth:
@@ -388,5 +403,5 @@ def _drawn_task(folder: Path, mtime_ns: int) -> Task:
 
 
 def walks_sha256(index: Index) -> str:
-    """Digest of all that a localizer was given."""
-    return hashlib.sha256(repr(sorted(index.walks.items())).encode()).hexdigest()
+    """What walks are known by: digest of their names and means, the same on every processor."""
+    return hashlib.sha256(repr((sorted(index.walks), sorted(index.means.items()))).encode()).hexdigest()

@@ -54,7 +54,7 @@ class PartWalks(Record, frozen=True, kw_only=True):
     part: Part
     round: int
     made_by: Sha256  # versions of what drew them
-    sha256: Sha256  # of all that localizers were given
+    sha256: Sha256  # see `draw.walks_sha256`
     walks: tuple[Walk, ...]
     declined: dict[EntryName, Sha256]  # code by entry that every walk did not suit
 

@@ -17,17 +17,15 @@ LINE_EVERY_S: Final = 5.0
 Advance = Callable[[str, str], None]  # given the status of a job and what it is called
 
 
-@contextlib.contextmanager
-def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Iterator[Advance]:
+def reporting(
+    total: int, done: int, *, shown: bool, what: str = "walks", expected_s: float = 0.0
+) -> contextlib.AbstractContextManager[Advance]:
     """Gives the function to call with status and name of each finished job; `done` of them were stored before."""
     if not shown:
-        yield lambda status, label: None
-    elif sys.stderr.isatty():
-        with _bar(total, done, what) as advance:
-            yield advance
-    else:
-        with _lines(total, done, what) as advance:
-            yield advance
+        return contextlib.nullcontext(lambda status, label: None)
+    if expected_s:
+        sys.stderr.write(f"{total - done} {what}, {_duration(expected_s)}\n")
+    return (_bar if sys.stderr.isatty() else _lines)(total, done, what)
 
 
 @contextlib.contextmanager
@@ -78,3 +76,9 @@ def _lines(total: int, done: int, what: str) -> Iterator[Advance]:
 
 def _not_complete(counts: Counter[str]) -> str:
     return "".join(f", {counts[status]} {status}" for status in (FAILED, UNSUITABLE) if counts[status])
+
+
+def _duration(seconds: float) -> str:
+    """As "about 40 s"; minutes and hours from two of them on."""
+    unit_s, name = (3600.0, "h") if seconds >= 7200.0 else (60.0, "min") if seconds >= 120.0 else (1.0, "s")
+    return f"about {max(1, round(seconds / unit_s))} {name}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import pool
+from pdrbench.evaluation.durations import expected_s, learn
 from pdrbench.evaluation.jobs import Job, JobContext, Outcome, finish, run_jobs
 from pdrbench.evaluation.locks import cleanup, crashed_workers, result_locks
 from pdrbench.evaluation.progress import Advance, reporting
@@ -50,9 +51,14 @@ def run_all(
     with cleanup(context.folder, context.run):
         found = {job.name: stored for job in jobs if (stored := _read_stored(job, context)) is not None}
         todo = [job for job in jobs if job.name not in found]
-        with reporting(len(jobs), len(found), shown=progress, what=what) as advance:
+        begun_s = time.monotonic()
+        with reporting(
+            len(jobs), len(found), shown=progress, what=what, expected_s=expected_s(todo, num_workers)
+        ) as advance:
             scheduler = Scheduler(todo, context, num_workers, advance, is_warm=is_warm)
             scheduler.run()
+        if not pool.is_foreign():
+            learn(todo, num_workers, time.monotonic() - begun_s)
         if context.keeps:
             sync(context.folder)
         for job in todo:

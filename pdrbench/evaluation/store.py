@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pdrbench.datasets.folders import cache_folder
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import answers
 from pdrbench.files import safe_name
@@ -26,6 +27,7 @@ from pdrbench.result import Result
 
 MAGIC: Final = b"pdrbench-result 3 "
 SUFFIX: Final = ".result"
+MAX_REMEMBERED: Final = 20_000  # facts in one file of the cache
 TEMPORARY_SUFFIX: Final = ".tmp"
 # Fields of a result as they are
 PLAIN: Final = ("env", "split", "walk", "localizer", "seed", "status", "failure", "division")
@@ -79,6 +81,20 @@ def keep_whole(path: Path, content: bytes) -> None:
     with contextlib.suppress(OSError, ResultError):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
+
+
+def remembered(name: str) -> dict[str, Any]:
+    """What a run before has left in a file of the cache folder; empty where there is none."""
+    try:
+        known = json.loads((cache_folder() / name).read_bytes())
+        return known if isinstance(known, dict) and len(known) <= MAX_REMEMBERED else {}
+    except (OSError, ValueError, RecursionError):
+        return {}
+
+
+def remember(name: str, known: dict[str, Any]) -> None:
+    """Leaves it for the next process."""
+    keep_whole(cache_folder() / name, json.dumps(known).encode())
 
 
 def load(path: Path | str) -> Result:

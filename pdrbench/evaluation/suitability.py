@@ -13,12 +13,11 @@ from typing import Final
 import numpy as np
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.datasets.folders import cache_folder
 from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, UnsuitableError
 from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.origin import environment_version, localizer_target, package_sha256, target_sha256
-from pdrbench.evaluation.store import keep_whole
+from pdrbench.evaluation.store import remember, remembered
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench.radio import survey_of_table
@@ -26,12 +25,10 @@ from pdrbench.recording import MagneticMap
 from pdrbench.registry import localizers, make_task
 from pdrbench.settings import split_name
 
-TRIED_WALKS: Final = (
-    4  # of an environment; a localizer that declines them all declines it; every mounting is among them
-)
+TRIED_WALKS: Final = 4  # a localizer that declines them all declines an environment; every mounting is among them
 TRUSTED: Final = "pdrbench"  # the distribution whose localizers may run in this process
 ROOM_M: Final = 5.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-MAX_REMEMBERED: Final = 20_000  # pairs of a localizer and an environment
+MEMORY: Final = "suitability.json"
 
 
 def declining(names: Iterable[str], env: str, split: str) -> dict[str, str]:
@@ -55,10 +52,10 @@ def declining(names: Iterable[str], env: str, split: str) -> dict[str, str]:
     identities = [[walk, task.walk_identity(walk)] for walk in walks]
     common = [environment_version(env), package_sha256("pdrbench"), installed, split, task.id, identities]
     keys = {spec: _key(spec, localizer_target(spec), target_sha256(localizer_target(spec)), common) for spec in specs}
-    reasons = _remembered()
+    reasons = remembered(MEMORY)
     if todo := [spec for spec in specs if keys[spec] not in reasons]:
         reasons |= {keys[spec]: why for spec, why in _tried(todo, env, split, walks).items()}
-        _remember(reasons)
+        remember(MEMORY, reasons)
     return {spec: reasons[keys[spec]] for spec in specs if reasons[keys[spec]]}
 
 
@@ -113,20 +110,3 @@ def _reduced(briefing: Briefing) -> Briefing:
 
 def _key(*ingredients: object) -> str:
     return hashlib.sha256(json.dumps(ingredients).encode()).hexdigest()
-
-
-def _file() -> Path:
-    return cache_folder() / "suitability.json"
-
-
-def _remembered() -> dict[str, str]:
-    try:
-        known = json.loads(_file().read_bytes())
-        return known if isinstance(known, dict) and len(known) <= MAX_REMEMBERED else {}
-    except (OSError, ValueError):
-        return {}
-
-
-def _remember(known: dict[str, str]) -> None:
-    """Keeps it for the next process."""
-    keep_whole(_file(), json.dumps(known).encode())

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from pdrbench.evaluation import evaluate, suitability
+from pdrbench.evaluation.store import keep_whole
 from pdrbench.evaluation.suitability import declining
 from pdrbench.registry import make_task
 
@@ -53,3 +55,11 @@ def test_a_localizer_that_takes_one_of_the_first_walks_suits(monkeypatch: pytest
 def test_code_of_strangers_is_not_loaded(tmp_path: Path) -> None:
     (tmp_path / "loud.py").write_text("raise SystemExit('loaded')\n")
     assert declining([f"{tmp_path / 'loud.py'}:Loud"], "CampusStride-v1", "val") == {}
+
+
+def test_how_long_a_run_takes_is_said_before_and_learned(capsys: pytest.CaptureFixture[str], cache: Path) -> None:
+    for known, said in (('{"stay on CampusStride-v1": 7200.0}', "4 h"), ("torn", "3 s"), ("[7200.0]", "3 s")):
+        keep_whole(cache / "durations.json", known.encode())
+        evaluate("stay", "CampusStride-v1", split="val", walks=2, isolation="none", progress=True)
+        assert f"2 walks, about {said}\n" in capsys.readouterr().err
+        assert 0.0 < json.loads((cache / "durations.json").read_text())["stay on CampusStride-v1"] < 7200.0

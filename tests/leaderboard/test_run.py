@@ -9,6 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -23,7 +24,7 @@ from pdrbench_leaderboard.bundle import write_bundle
 from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.checking import check_board, compare_entries, disagree
 from pdrbench_leaderboard.confine.read_permissions import hidden_places
-from pdrbench_leaderboard.draw import INDEX_FILE, DrawnPart, draw, drawn_task, read_truth
+from pdrbench_leaderboard.draw import INDEX_FILE, DrawnPart, draw, drawn_task, read_truth, walks_sha256
 from pdrbench_leaderboard.entrants import Entrant
 from pdrbench_leaderboard.run import Outcome, Settings, run
 from pdrbench_leaderboard.signing import new_key
@@ -59,6 +60,8 @@ def test_what_has_the_same_walks_is_drawn_with_them_as_it_is_drawn_alone(tmp_pat
     one, other = ((of.observations / INDEX_FILE).read_bytes() for of in (beside, alone))  # with digests of all walks
     assert (one, beside.made_by, beside.canaries) == (other, alone.made_by, alone.canaries)
     assert drawn.index.walks.keys().isdisjoint(beside.index.walks)
+    on_another_processor = msgspec.structs.replace(drawn.index, walks=dict.fromkeys(drawn.index.walks, "other bytes"))
+    assert walks_sha256(on_another_processor) == walks_sha256(drawn.index) != walks_sha256(beside.index)
     assert not DrawnPart(strides.env, "held-out", drawn.folder).observations.exists()
 
 

@@ -18,7 +18,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from streaming import PACKET_S, TOKEN, Running, Stroll, assert_replays, fake_phyphox, make_stroll, running
+from streaming import (
+    TOKEN,
+    Running,
+    Stroll,
+    assert_replays,
+    fake_phyphox,
+    make_stroll,
+    play,
+    running,
+    send_rows,
+    unreliable,
+)
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -53,23 +64,6 @@ def websocket(live: Running, path: str) -> Iterator[ClientConnection]:
         yield client
 
 
-def unreliable(stroll: Stroll, rng: np.random.Generator) -> list[float]:
-    """Packets with 10 % of loss and of doubling after the first seconds, each up to four places late."""
-    ends_s = stroll.ends_s
-    kept = ends_s[(rng.random(len(ends_s)) > 0.1) | (ends_s < 2.0)]
-    sent = np.concatenate([kept, kept[rng.random(len(kept)) < 0.1]])
-    late_s = np.where(sent < 2.0, 0.0, rng.uniform(0.0, 4 * PACKET_S, len(sent)))
-    return sent[np.argsort(sent + late_s, kind="stable")].tolist()
-
-
-def play(live: Running, ends_s: list[float], packet: Callable[[float], bytes]) -> None:
-    """Ten times as fast as real time."""
-    for end_s in ends_s:
-        status, text = live.post(packet(end_s))
-        assert status == 200, text
-        time.sleep(PACKET_S / 10)
-
-
 @pytest.mark.parametrize("is_apple", [False, True], ids=["android", "iphone"])
 def test_sensor_logger(
     live: Running, stroll: Stroll, rng: np.random.Generator, tmp_path: Path, command: Any, is_apple: bool
@@ -91,9 +85,7 @@ def test_sensor_logger(
 def test_websocket(live: Running, stroll: Stroll, rng: np.random.Generator) -> None:
     with websocket(live, "stream?device=my%20phone") as client:
         for end_s in unreliable(stroll, rng):
-            for sensor in ("accel", "gyro", "rotation", "baro", "wifi"):
-                client.send(json.dumps({"sensor": sensor, "rows": stroll.rows(sensor, end_s).tolist()}))
-                assert "error" not in json.loads(client.recv())
+            send_rows(client, stroll, end_s)
     assert_replays(live.ended("my phone"), LOCALIZER)
 
 
@@ -159,16 +151,8 @@ def test_no_packet_ends_it(live: Running, stroll: Stroll, rng: np.random.Generat
 
 
 def test_without_the_token_there_is_nothing(live: Running) -> None:
-    for path in (
-        "/",
-        "/push",
-        "/wrong/",
-        "/wrong/push",
-        "/wrong/plan",
-        "/wrong/live.js",
-        f"/{TOKEN}x/",
-        "/wr%C3%B6ng/",
-    ):
+    wrong = ("", "push", "wrong/", "wrong/push", "wrong/plan", "wrong/live.js", f"{TOKEN}x/", "wr%C3%B6ng/")
+    for path in (f"/{place}" for place in wrong):
         for method in ("GET", "POST"):
             assert live.post(b"{}", path, method)[0] in (404, 405)
     assert live.post(b"", f"/{TOKEN}/task.toml", "GET")[0] == 404

@@ -7,8 +7,9 @@ import http.client
 import json
 import socket
 import threading
+import time
 import urllib.parse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 import uvicorn
+from websockets.sync.client import ClientConnection
 
 import pdrbench
 from pdrbench.geometry import FloatArray
@@ -72,7 +74,8 @@ class Stroll:
             add("totalacceleration", accel, "xyz")
         add("orientation", rotation, ("qw", "qx", "qy", "qz"))
         for sensor, (name, names) in COLUMNS.items():
-            add(name, self.rows(sensor, end_s), tuple(names))
+            if sensor in self.walk.streams:
+                add(name, self.rows(sensor, end_s), tuple(names))
         return json.dumps({"messageId": 1, "sessionId": "s", "deviceId": device, "payload": samples}).encode()
 
 
@@ -120,6 +123,31 @@ def running(setup: Setup, phyphox: tuple[str, ...] = ()) -> Iterator[Running]:
             web.should_exit = True
             thread.join(60)
             assert not thread.is_alive()
+
+
+def unreliable(stroll: Stroll, rng: np.random.Generator) -> list[float]:
+    """Packets with 10 % of loss and of doubling after the first seconds, each up to four places late."""
+    ends_s = stroll.ends_s
+    kept = ends_s[(rng.random(len(ends_s)) > 0.1) | (ends_s < 2.0)]
+    sent = np.concatenate([kept, kept[rng.random(len(kept)) < 0.1]])
+    late_s = np.where(sent < 2.0, 0.0, rng.uniform(0.0, 4 * PACKET_S, len(sent)))
+    return sent[np.argsort(sent + late_s, kind="stable")].tolist()
+
+
+def play(live: Running, ends_s: list[float], packet: Callable[[float], bytes]) -> None:
+    """Ten times as fast as real time."""
+    for end_s in ends_s:
+        status, text = live.post(packet(end_s))
+        assert status == 200, text
+        time.sleep(PACKET_S / 10)
+
+
+def send_rows(client: ClientConnection, stroll: Stroll, end_s: float) -> None:
+    """A packet as rows of each sensor, over a websocket."""
+    for sensor in ("accel", "gyro", "rotation", "baro", "wifi"):
+        if sensor in stroll.walk.streams:
+            client.send(json.dumps({"sensor": sensor, "rows": stroll.rows(sensor, end_s).tolist()}))
+            assert "error" not in json.loads(client.recv())
 
 
 class FakePhyphox(BaseHTTPRequestHandler):

@@ -14,13 +14,33 @@ from typing import Any
 import numpy as np
 from conftest import Page, browse  # type: ignore[import-not-found]
 from PIL import Image
-from streaming import TOKEN, Running, Stroll, make_stroll, running  # type: ignore[import-not-found]
+from streaming import (  # type: ignore[import-not-found]
+    PACKET_S,
+    TOKEN,
+    Running,
+    Stroll,
+    assert_replays,
+    fake_phyphox,
+    make_stroll,
+    play,
+    running,
+    send_rows,
+    unreliable,
+)
+from websockets.sync.client import connect
 
+from pdrbench.registry import make_task
 from pdrbench.session import WAIT_S
+from pdrbench.task import Task
 from pdrbench_formats.live.feeds import Push, decoded
 from pdrbench_formats.live.phone import Phone, Setup
+from pdrbench_formats.maps.geojson import write
+from pdrbench_formats.taskfile.schema import StartTable
+from pdrbench_formats.taskfile.survey import Scans, write_survey_table
 
 PERIOD_S = 0.2
+FORMATS = ("android", "iphone", "websocket", "phyphox")
+NUM_RECORDED = 8
 WATCH = """
 window.drawn = [];
 new MutationObserver(() => drawn.push([Date.now() / 1000, Number(document.getElementById('plan').dataset.time)]))
@@ -87,8 +107,62 @@ def film(live: Running, stroll: Stroll, page: Page, path: Path) -> None:
     print(f"{path}: {len(pictures)} pictures, {path.stat().st_size} bytes")  # noqa: T201
 
 
+def recorded(localizer: str) -> None:
+    """Walks of real malls, each in the next of four formats; answers have to be those of `run` on what was recorded."""
+    task, rng = make_task("MallPhone-v2"), np.random.default_rng(1)
+    for number, name in enumerate(task.split("val")[::11][:NUM_RECORDED]):
+        way = FORMATS[number % len(FORMATS)]
+        with tempfile.TemporaryDirectory() as folder:
+            stroll, setup = _of_recording(task, name, "learned" if way == "phyphox" else localizer, Path(folder))
+            phone = _streamed(way, stroll, setup, unreliable(stroll, rng))
+            rows = assert_replays(phone, setup.localizer)
+        of = f"{len(rows)} of {len(stroll.walk.streams['accel'].rows)} rows"
+        print(f"{name} {way}, {setup.localizer}: {len(phone.trail)} answers are those of run, {of}")  # noqa: T201
+
+
+def _streamed(way: str, stroll: Stroll, setup: Setup, sent: list[float]) -> Phone:
+    """The phone that a walk came from, ten times as fast as real time."""
+    if way == "phyphox":
+        with fake_phyphox(stroll) as (address, handler), running(setup, (address,)) as live:
+            while handler.now_s <= stroll.walk.end_s:
+                time.sleep(0.1)
+            return live.ended(f"phyphox {address[7:]}")
+    with running(setup) as live:
+        if way == "websocket":
+            address = f"ws://127.0.0.1:{live.port}/{TOKEN}/stream?device=android"
+            with connect(address, proxy=None, max_size=None) as client:
+                for end_s in sent:
+                    send_rows(client, stroll, end_s)
+                    time.sleep(PACKET_S / 10)
+        else:
+            play(live, sent, lambda end_s: stroll.push(end_s, is_apple=way == "iphone"))
+        return live.ended("android")
+
+
+def _of_recording(task: Task, name: str, localizer: str, folder: Path) -> tuple[Stroll, Setup]:
+    """A walk of an environment with its plan and survey as files."""
+    walk = task.load(name)
+    briefing = task.brief(walk)
+    start, survey = briefing.start, briefing.radio_map
+    assert start is not None and start.heading_rad is not None and briefing.building is not None and survey is not None
+    write(briefing.building, folder / "plan.geojson")
+    readings = np.column_stack([survey.access_point, survey.rssi_dbm, survey.age_s])
+    scans = Scans(survey.xy_m, survey.level, survey.walk, np.diff(survey.first), readings)
+    write_survey_table(scans, folder / "survey.csv")
+    x_m, y_m = start.xy_m.tolist()
+    begins = StartTable(xy_m=(x_m, y_m), level=start.level, heading_deg=math.degrees(start.heading_rad))
+    stroll = Stroll(walk, folder / "plan.geojson", begins)
+    return stroll, Setup(localizer, stroll.plan, (folder / "survey.csv",), begins, out=folder, wait_s=1.5)
+
+
 def main(what: str, localizer: str = "fusion", path: str = "live.gif") -> None:
-    """`PYTHONPATH=tests:tests/samples python -m pdrbench_lab.speed.live cost|latency|film [LOCALIZER [FILE]]`."""
+    """`PYTHONPATH=tests:tests/samples python -m pdrbench_lab.speed.live WHAT [LOCALIZER [FILE]]`.
+
+    WHAT is cost, latency, film or recorded.
+    """
+    if what == "recorded":
+        recorded(localizer)
+        return
     with tempfile.TemporaryDirectory() as folder:
         stroll = make_stroll(Path(folder), duration_s=40)
         setup = Setup(localizer, stroll.plan, start=stroll.start, out=Path(folder))
