@@ -252,7 +252,7 @@ def _redrawn(rng: np.random.Generator, content: bytes) -> bytes:
         if image.width * image.height > 4_000_000:
             return content
         image = image.convert("L")
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except (OSError, ValueError, SyntaxError, IndexError, struct.error, zlib.error, Image.DecompressionBombError):
         return content
     draw, what = ImageDraw.Draw(image), int(rng.integers(8))
     for _ in range(int(rng.choice([1, 5, 60]))):
