@@ -18,18 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from streaming import (
-    TOKEN,
-    Running,
-    Stroll,
-    assert_replays,
-    fake_phyphox,
-    make_stroll,
-    play,
-    running,
-    send_rows,
-    unreliable,
-)
+from streaming import TOKEN, Running, Stroll, assert_replays, fake_phyphox, make_stroll, running
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -68,8 +57,8 @@ def websocket(live: Running, path: str) -> Iterator[ClientConnection]:
 def test_sensor_logger(
     live: Running, stroll: Stroll, rng: np.random.Generator, tmp_path: Path, command: Any, is_apple: bool
 ) -> None:
-    sent = unreliable(stroll, rng)
-    play(live, sent, lambda end_s: stroll.push(end_s, is_apple=is_apple))
+    sent = stroll.unreliable(rng)
+    live.play(sent, lambda end_s: stroll.push(end_s, is_apple=is_apple))
     accel = assert_replays(live.ended("android"), LOCALIZER)
     arrived = np.concatenate([stroll.rows("accel", end_s) for end_s in sorted(set(sent))])
     np.testing.assert_allclose(accel[:, 0], arrived[:, 0] - arrived[0, 0], atol=1e-6)
@@ -84,8 +73,8 @@ def test_sensor_logger(
 
 def test_websocket(live: Running, stroll: Stroll, rng: np.random.Generator) -> None:
     with websocket(live, "stream?device=my%20phone") as client:
-        for end_s in unreliable(stroll, rng):
-            send_rows(client, stroll, end_s)
+        for end_s in stroll.unreliable(rng):
+            stroll.send(client, end_s)
     assert_replays(live.ended("my phone"), LOCALIZER)
 
 

@@ -78,6 +78,20 @@ class Stroll:
                 add(name, self.rows(sensor, end_s), tuple(names))
         return json.dumps({"messageId": 1, "sessionId": "s", "deviceId": device, "payload": samples}).encode()
 
+    def unreliable(self, rng: np.random.Generator) -> list[float]:
+        """Packets with 10 % of loss and of doubling after the first seconds, each up to four places late."""
+        kept = self.ends_s[(rng.random(len(self.ends_s)) > 0.1) | (self.ends_s < 2.0)]
+        sent = np.concatenate([kept, kept[rng.random(len(kept)) < 0.1]])
+        late_s = np.where(sent < 2.0, 0.0, rng.uniform(0.0, 4 * PACKET_S, len(sent)))
+        return sent[np.argsort(sent + late_s, kind="stable")].tolist()
+
+    def send(self, client: ClientConnection, end_s: float) -> None:
+        """A packet as rows of each sensor, over a websocket."""
+        for sensor in ("accel", "gyro", "rotation", "baro", "wifi"):
+            if sensor in self.walk.streams:
+                client.send(json.dumps({"sensor": sensor, "rows": self.rows(sensor, end_s).tolist()}))
+                assert "error" not in json.loads(client.recv())
+
 
 def make_stroll(folder: Path, duration_s: float = 12) -> Stroll:
     """A walk with a phone in the hand."""
@@ -102,6 +116,12 @@ class Running:
             answer = connection.getresponse()
             return answer.status, answer.read().decode()
 
+    def play(self, ends_s: list[float], packet: Callable[[float], bytes]) -> None:
+        """Ten times as fast as real time."""
+        for end_s in ends_s:
+            assert self.post(packet(end_s))[0] == 200
+            time.sleep(PACKET_S / 10)
+
     def ended(self, name: str) -> Phone:
         """A phone whose walk is over."""
         self.server.phones[name].end()
@@ -123,31 +143,6 @@ def running(setup: Setup, phyphox: tuple[str, ...] = ()) -> Iterator[Running]:
             web.should_exit = True
             thread.join(60)
             assert not thread.is_alive()
-
-
-def unreliable(stroll: Stroll, rng: np.random.Generator) -> list[float]:
-    """Packets with 10 % of loss and of doubling after the first seconds, each up to four places late."""
-    ends_s = stroll.ends_s
-    kept = ends_s[(rng.random(len(ends_s)) > 0.1) | (ends_s < 2.0)]
-    sent = np.concatenate([kept, kept[rng.random(len(kept)) < 0.1]])
-    late_s = np.where(sent < 2.0, 0.0, rng.uniform(0.0, 4 * PACKET_S, len(sent)))
-    return sent[np.argsort(sent + late_s, kind="stable")].tolist()
-
-
-def play(live: Running, ends_s: list[float], packet: Callable[[float], bytes]) -> None:
-    """Ten times as fast as real time."""
-    for end_s in ends_s:
-        status, text = live.post(packet(end_s))
-        assert status == 200, text
-        time.sleep(PACKET_S / 10)
-
-
-def send_rows(client: ClientConnection, stroll: Stroll, end_s: float) -> None:
-    """A packet as rows of each sensor, over a websocket."""
-    for sensor in ("accel", "gyro", "rotation", "baro", "wifi"):
-        if sensor in stroll.walk.streams:
-            client.send(json.dumps({"sensor": sensor, "rows": stroll.rows(sensor, end_s).tolist()}))
-            assert "error" not in json.loads(client.recv())
 
 
 class FakePhyphox(BaseHTTPRequestHandler):

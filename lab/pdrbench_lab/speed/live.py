@@ -14,19 +14,7 @@ from typing import Any
 import numpy as np
 from conftest import Page, browse  # type: ignore[import-not-found]
 from PIL import Image
-from streaming import (  # type: ignore[import-not-found]
-    PACKET_S,
-    TOKEN,
-    Running,
-    Stroll,
-    assert_replays,
-    fake_phyphox,
-    make_stroll,
-    play,
-    running,
-    send_rows,
-    unreliable,
-)
+from streaming import PACKET_S, TOKEN, Running, Stroll, assert_replays, fake_phyphox, make_stroll, running  # type: ignore[import-not-found]
 from websockets.sync.client import connect
 
 from pdrbench.registry import make_task
@@ -114,7 +102,7 @@ def recorded(localizer: str) -> None:
         way = FORMATS[number % len(FORMATS)]
         with tempfile.TemporaryDirectory() as folder:
             stroll, setup = _of_recording(task, name, "learned" if way == "phyphox" else localizer, Path(folder))
-            phone = _streamed(way, stroll, setup, unreliable(stroll, rng))
+            phone = _streamed(way, stroll, setup, stroll.unreliable(rng))
             rows = assert_replays(phone, setup.localizer)
         of = f"{len(rows)} of {len(stroll.walk.streams['accel'].rows)} rows"
         print(f"{name} {way}, {setup.localizer}: {len(phone.trail)} answers are those of run, {of}")  # noqa: T201
@@ -132,10 +120,10 @@ def _streamed(way: str, stroll: Stroll, setup: Setup, sent: list[float]) -> Phon
             address = f"ws://127.0.0.1:{live.port}/{TOKEN}/stream?device=android"
             with connect(address, proxy=None, max_size=None) as client:
                 for end_s in sent:
-                    send_rows(client, stroll, end_s)
+                    stroll.send(client, end_s)
                     time.sleep(PACKET_S / 10)
         else:
-            play(live, sent, lambda end_s: stroll.push(end_s, is_apple=way == "iphone"))
+            live.play(sent, lambda end_s: stroll.push(end_s, is_apple=way == "iphone"))
         return live.ended("android")
 
 
