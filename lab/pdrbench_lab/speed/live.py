@@ -132,15 +132,17 @@ def _of_recording(task: Task, name: str, localizer: str, folder: Path) -> tuple[
     walk = task.load(name)
     briefing = task.brief(walk)
     start, survey = briefing.start, briefing.radio_map
-    assert start is not None and start.heading_rad is not None and briefing.building is not None and survey is not None
+    assert start is not None and briefing.building is not None
     write(briefing.building, folder / "plan.geojson")
-    readings = np.column_stack([survey.access_point, survey.rssi_dbm, survey.age_s])
-    scans = Scans(survey.xy_m, survey.level, survey.walk, np.diff(survey.first), readings)
-    write_survey_table(scans, folder / "survey.csv")
+    if survey is not None:
+        readings = np.column_stack([survey.access_point, survey.rssi_dbm, survey.age_s])
+        scans = Scans(survey.xy_m, survey.level, survey.walk, np.diff(survey.first), readings)
+        write_survey_table(scans, folder / "survey.csv")
     x_m, y_m = start.xy_m.tolist()
-    begins = StartTable(xy_m=(x_m, y_m), level=start.level, heading_deg=math.degrees(start.heading_rad))
+    heading_deg = None if start.heading_rad is None else math.degrees(start.heading_rad)
+    begins = StartTable(xy_m=(x_m, y_m), level=start.level, heading_deg=heading_deg)
     stroll = Stroll(walk, folder / "plan.geojson", begins)
-    return stroll, Setup(localizer, stroll.plan, (folder / "survey.csv",), begins, out=folder, wait_s=1.5)
+    return stroll, Setup(localizer, stroll.plan, tuple(folder.glob("survey.csv")), begins, out=folder, wait_s=1.5)
 
 
 def main(what: str, localizer: str = "fusion", path: str = "live.gif") -> None:
