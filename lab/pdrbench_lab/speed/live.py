@@ -114,7 +114,8 @@ def _streamed(way: str, stroll: Stroll, setup: Setup, sent: list[float]) -> Phon
         with fake_phyphox(stroll) as (address, handler), running(setup, (address,)) as live:
             while handler.now_s <= stroll.walk.end_s:
                 time.sleep(0.1)
-            return live.ended(f"phyphox {address[7:]}")
+            phone: Phone = live.ended(f"phyphox {address[7:]}")
+            return phone
     with running(setup) as live:
         if way == "websocket":
             address = f"ws://127.0.0.1:{live.port}/{TOKEN}/stream?device=android"
@@ -124,7 +125,8 @@ def _streamed(way: str, stroll: Stroll, setup: Setup, sent: list[float]) -> Phon
                     time.sleep(PACKET_S / 10)
         else:
             live.play(sent, lambda end_s: stroll.push(end_s, is_apple=way == "iphone"))
-        return live.ended("android")
+        phone = live.ended("android")
+        return phone
 
 
 def _of_recording(task: Task, name: str, localizer: str, folder: Path) -> tuple[Stroll, Setup]:
