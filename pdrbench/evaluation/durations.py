@@ -9,7 +9,7 @@ from typing import Any, Final
 from pdrbench.evaluation.jobs import Job
 from pdrbench.evaluation.store import remember, remembered
 
-JOB_S: Final = 1.5  # seconds of one process, where no run has shown them
+JOB_S: Final = 0.5  # seconds of one process, as the mean of all walks of all boards takes, where no run has shown them
 STARTING_JOBS: Final = 10  # count as much as what is known
 _FILE: Final = "durations.json"
 
