@@ -292,8 +292,7 @@ def magnitudes(walk: DrawnWalk) -> dict[str, float]:
 
 
 def _rounded_means(walks: Sequence[Mapping[str, float]]) -> dict[str, str]:
-    names = sorted(set().union(*walks))
-    return {name: f"{np.mean([of.get(name, 0.0) for of in walks]):.4g}" for name in names}
+    return {name: f"{np.mean([of.get(name, 0.0) for of in walks]):.4g}" for name in sorted(set().union(*walks))}
 
 
 def make_truth(task: Task, recording: Recording) -> Truth:

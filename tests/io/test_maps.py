@@ -73,6 +73,7 @@ def dxf_in(folder: Path, per_m: float, insunits: int, *, columns: int = 0, door:
         space.add_lwpolyline([(x * per_m, y * per_m) for x, y in line], dxfattribs={"layer": layer})
     for x in np.append(np.arange(1.0, 5.0, 1.5), np.arange(7.5, 11.0, 1.5))[:columns]:
         space.add_circle((x * per_m, 2.0 * per_m), 0.3 * per_m, dxfattribs={"layer": "A-WALL"})
+    space.add_ellipse((1.0, 1.0), (5.0, 1e300), dxfattribs={"layer": "A-WALL"})  # nowhere, and left out
     drawing.saveas(folder / "plan.dxf")
     return folder / "plan.dxf"
 

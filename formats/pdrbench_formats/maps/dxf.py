@@ -156,7 +156,8 @@ def _geometry(entity: Any, kind: str) -> Any:
         line = paths.make_path(entity)
     except TypeError:
         return None
-    points = np.array([(vertex.x, vertex.y) for vertex in line.flattening(_sagitta(line))])
+    sagitta = _sagitta(line)
+    points = np.array([(vertex.x, vertex.y) for vertex in (line.flattening(sagitta) if sagitta < np.inf else ())])
     points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > 0)] if len(points) else points
     if len(points) < 2:
         return None
@@ -165,9 +166,9 @@ def _geometry(entity: Any, kind: str) -> Any:
 
 
 def _sagitta(line: Any) -> float:
-    """A fraction of the size of an entity, which of a closed one is not the way from its start to its end."""
-    points = np.array([(vertex.x, vertex.y) for vertex in line.control_vertices()])
-    return max(float(np.ptp(points, axis=0).max()), 1e-6) * ARC if len(points) else 1e-6
+    """A fraction of the size of an entity, above what floats resolve; NaN where it is nowhere: ezdxf never ends."""
+    points = np.array([vertex.xyz for vertex in line.control_vertices()])
+    return max(np.ptp(points, axis=0).max(), 1e-6, 1e-9 * np.abs(points).max()) * ARC if len(points) else 1e-6
 
 
 def sniff(head: Head) -> bool:
