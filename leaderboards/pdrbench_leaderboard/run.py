@@ -29,6 +29,7 @@ from pdrbench_leaderboard.confine.read_permissions import private_root
 from pdrbench_leaderboard.draw import NAME_DIGITS, DrawnPart, draw, made_by, walks_sha256
 from pdrbench_leaderboard.entrants import SOURCE_FILE, Entrant, absolute, entrants
 from pdrbench_leaderboard.folders import Supplies
+from pdrbench_leaderboard.packages import default_place
 from pdrbench_leaderboard.play import answers_folder, play, read_played
 from pdrbench_leaderboard.record import (
     ENTRY_FILE,
@@ -57,7 +58,7 @@ from pdrbench_leaderboard.submission import find_card, unpack_bundle
 ANSWERS: Final = "answers"  # below the folder of a round
 CONFINED_MODE: Final = "landlock+namespaces+seccomp"  # of a localizer that was confined
 WRITTEN: Final = "written"  # likewise: digests of entries
-SENT: Final = "sent"  # likewise: bundles, unpacked
+SENT: Final = "sent"  # beside packages: bundles, unpacked
 Drawing = functools.partial[DrawnPart]
 
 
@@ -215,16 +216,15 @@ def draw_all(boards: Sequence[Board], settings: Settings) -> Iterator[DrawnPart]
     """Draws the walks of boards, as the first of three steps: nothing is played. Raises `BundleError`."""
     drawing = settings.drawing(boards)
     for listed in drawing.keywords["beside"]:
-        for part in listed.parts if listed.has_data else ():
-            if part in settings.parts:
-                yield drawing(listed, part)
+        parts = [part for part in listed.parts if listed.has_data and part in settings.parts]
+        yield from (drawing(listed, part) for part in parts)
 
 
 def unpacked(spec: str, settings: Settings, card: Path | None = None) -> Entrant:
     """A localizer or a bundle, and its card; raises `BundleError`."""
     if not spec.endswith(SUFFIX):
         return Entrant(absolute(spec), find_card(spec, card))
-    place = settings.work / SENT / sha256_of(Path(spec))[:NAME_DIGITS]
+    place = (settings.supplies.packages or default_place()) / SENT / sha256_of(Path(spec))[:NAME_DIGITS]  # readable
     return Entrant(*unpack_bundle(Path(spec), place, settings.supplies))
 
 

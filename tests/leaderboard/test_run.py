@@ -217,14 +217,18 @@ def test_a_strangers_code_runs_confined_beside_a_secret_or_not_at_all(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="confinement is Linux's")
 def test_a_bundle_is_played_and_its_code_lies_with_the_entry(
-    settings: Settings, mine: tuple[str, Path], tmp_path: Path
+    settings: Settings, mine: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Also where its walks lie in the cache, which no confined localizer reads."""
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
     path = tmp_path / "mine.pdrz"
     path.write_bytes(write_bundle(make_bundle(*mine)))
-    short = dataclasses.replace(settings, isolation="confined", parts=("public",))
+    short = dataclasses.replace(settings, isolation="confined", parts=("public",), work=tmp_path / "cache" / "boards")
     outcome = next(run([TOY], [str(path)], short))
     assert (outcome.played, dict(outcome.refused)) == (("mine",), {})
     folder = settings.root / "toy" / "mine"
+    entry, _ = record.read_entry(folder)
+    assert {status for part in entry.parts for of in part.divisions for status in of.statuses} == {"c"}
     assert (folder / "localizer.py").read_bytes() == Path(mine[0].partition(":")[0]).read_bytes()
     again = list(run([TOY], [str(path)], short))
     assert again[0].kept == ("mine",)
