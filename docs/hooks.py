@@ -14,7 +14,7 @@ from docstrings import docstring_markdown, first_sentence
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from pages import dataset_pages, fields_page, formats_page, networks_page
+from pages import dataset_pages, fields_page, formats_page, networks_page, notebook_page
 from reference import environment_page, localizer_page, metrics_page
 
 from pdrbench.datasets import datasets
@@ -32,6 +32,7 @@ SITE: Final = {  # page of the site by the file that it is made of, which pages 
     "../pdrbench/metrics/scoring.py": "api/metrics.md",
     "../envs/README.md": "environments/index.md",
     "../lab/README.md": "reproduce.md",
+    "learning.ipynb": "train.md",
     "../lab/pdrbench_lab/outsiders/README.md": "choose.md",
     "../leaderboards/stride/README.md": "choose.md",
     "../envs/pdrbench_envs/wifi_fingerprints.py": "environments/WifiFingerprints-v1.md",
@@ -99,6 +100,7 @@ def _generated(root: Path) -> Iterator[tuple[str, str]]:
         yield f"api/{_short(room)}.md", _api_page(room)
     yield "networks.md", networks_page()
     yield "fields.md", fields_page()
+    yield "train.md", notebook_page("learning.ipynb")
     yield from dataset_pages()
     yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
 

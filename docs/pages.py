@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import re
 import tomllib
 from collections.abc import Iterator
@@ -96,6 +97,26 @@ def networks_page() -> str:
         "[Learned displacement](learned.md) says how to use them.\n\n"
     )
     return intro + "\n".join(re.sub(r"^#", "##", f"# {cards[name]}", flags=re.MULTILINE) for name in files)
+
+
+def notebook_page(name: str) -> str:
+    """The cells of a notebook, with the tables, pictures and texts that came out."""
+    parts = []
+    for cell in json.loads((DOCS / name).read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(text)
+            continue
+        parts.append(f"```python\n{text}\n```")
+        for out in cell["outputs"]:
+            shown = {"text/plain": out.get("text", ""), **out.get("data", {})}
+            kind = next(kind for kind in ("image/png", "text/html", "text/plain") if kind in shown)
+            text = "".join(shown[kind]).replace(' border="1" class="dataframe"', "")  # the theme scrolls plain tables
+            as_text = f"```text\n{text}\n```"
+            image = f'<img alt="What the cell above draws" src="data:image/png;base64,{text.strip()}">'
+            parts.append({"image/png": image, "text/html": text}.get(kind, as_text))
+    parts.insert(1, f"[The notebook](./{name})")
+    return "\n\n".join(parts) + "\n"
 
 
 def fields_page() -> str:

@@ -15,7 +15,7 @@ from pdrbench import building, evaluation, filters, inertial, metrics, picture, 
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 KINDS: Final = (  # a page of each kind
-    *("index", "choose", "tutorial", "results", "threats", "metrics", "fields", "networks"),
+    *("index", "choose", "tutorial", "results", "threats", "metrics", "fields", "networks", "train"),
     *("api/filters", "environments/CampusStride-v1", "datasets/foot_vicon"),
 )
 PHONE: Final = (390, 844)
