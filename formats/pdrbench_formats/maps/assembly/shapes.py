@@ -29,21 +29,19 @@ def simple_parts(geometry: Any, *, ring: bool = True) -> list[Any]:
     Raises:
         MapError: Neither of both, or not finite.
     """
-    if not isinstance(geometry, shapely.Geometry):
-        try:
-            points = np.asarray(geometry, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise MapError(f"expected a shapely geometry or vertices (K, 2); got {type(geometry).__name__}") from None
-        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
-            raise MapError(f"expected a shapely geometry or vertices (K, 2); got shape {points.shape}")
-        if ring and len(points) < 3:
-            raise MapError(f"an area needs three vertices; got {len(points)}")
-        if not np.isfinite(points).all():
-            raise MapError("a vertex is not finite; give metres")
-        make = shapely.Polygon if ring else shapely.Point if len(points) == 1 else shapely.LineString
-        geometry = make(points)
-    if not np.isfinite(shapely.get_coordinates(geometry)).all():
+    is_made = isinstance(geometry, shapely.Geometry)
+    try:
+        points = shapely.get_coordinates(geometry) if is_made else np.asarray(geometry, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MapError(f"expected a shapely geometry or vertices (K, 2); got {type(geometry).__name__}") from None
+    if not is_made and (points.ndim != 2 or points.shape[1] != 2 or not len(points)):
+        raise MapError(f"expected a shapely geometry or vertices (K, 2); got shape {points.shape}")
+    if not is_made and ring and len(points) < 3:
+        raise MapError(f"an area needs three vertices; got {len(points)}")
+    if not np.isfinite(points).all():
         raise MapError("a vertex is not finite; give metres")
+    make = shapely.Polygon if ring else shapely.Point if len(points) == 1 else shapely.LineString
+    geometry = geometry if is_made else make(points)
     return list(_flat([shapely.force_2d(geometry)]))
 
 
@@ -138,12 +136,14 @@ def large_parts(shape: Any, min_m2: float) -> list[Any]:
 def eroded(shape: Any, by_m: float) -> Any:
     """What a disc of radius `by_m` inside of a geometry reaches with its middle.
 
-    Every hole is grown by itself: thousands that run into one another take a buffer of the whole minutes.
+    Every hole is grown by itself: thousands that run into one another take a buffer of the whole minutes. The outline
+    shrinks a little first, which leaves nothing ragged: curves about all that is take twenty times as long.
     """
     found = []
     for part in large_parts(shape, 0.0):
         holes = shapely.buffer([shapely.Polygon(hole) for hole in part.interiors], by_m)
-        found.append(shapely.difference(shapely.Polygon(part.exterior).buffer(-by_m), shapely.union_all(holes)))
+        outline = shapely.Polygon(part.exterior).buffer(-by_m / 6).buffer(-5 * by_m / 6)
+        found.append(shapely.difference(outline, shapely.union_all(holes)))
     return shapely.union_all(found)
 
 
