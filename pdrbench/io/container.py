@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import functools
+import lzma
 import stat
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -28,6 +29,9 @@ MAX_DEPTH: Final = 4  # folders below folders: RoNIN and EuRoC have three
 MAX_TOTAL_BYTES: Final = 16 << 30
 ZIP_MAGIC: Final = b"PK\x03\x04"
 ARCHIVES: Final = (".zip", ".7z", ".rar", ".tar", ".tgz", ".tar.gz", ".tar.xz", ".tar.bz2")
+DAMAGED: Final = (  # what reading an archive raises that no program has written, or one that needs a password
+    *(OSError, EOFError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
+)
 _ENCRYPTED = 0x1
 
 
@@ -75,10 +79,8 @@ class Container:
         try:
             with self._open(name) as stream:
                 return content_of(stream, self.label(name), limit)
-        except (OSError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError, ValueError) as error:
+        except DAMAGED as error:
             raise RecordingError(f"{self.label(name)}: cannot be read: {error}; copy or export it again") from error
-        except _zlib_error() as error:
-            raise RecordingError(f"{self.label(name)}: the archive is damaged ({error}); export it again") from error
 
     @contextlib.contextmanager
     def _open(self, name: str) -> Iterator[IO[bytes]]:
@@ -93,13 +95,6 @@ class Container:
             return
         with (self.path if self.is_file else found_file(self.path / names[0])).open("rb") as file:
             yield file
-
-
-@functools.cache
-def _zlib_error() -> type[Exception]:
-    import zlib
-
-    return zlib.error
 
 
 def open_container(path: Path) -> Container:
@@ -167,7 +162,7 @@ def _zip_sizes(path: Path) -> dict[str, int]:
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
-    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+    except DAMAGED as error:
         raise RecordingError(f"{path}: the archive is damaged ({error}); export it again") from error
     if len(members) > MAX_MEMBERS:
         raise RecordingError(f"{path}: more than {MAX_MEMBERS} members; unpack it and name the folder of one recording")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import stat
 import zipfile
 from collections.abc import Callable
@@ -83,6 +84,16 @@ class TestBadInput:
         path = samples.zip_of(tmp_path / "a.zip", {member: content})
         with pytest.raises(RecordingError, match=message):
             detect(path)
+
+    def test_an_archive_with_changed_bytes(self, tmp_path: Path, rng: np.random.Generator) -> None:
+        for method in (zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA):
+            with zipfile.ZipFile(path := tmp_path / f"{method}.zip", "w", method) as archive:
+                archive.writestr("a.csv", "t,x,y,z\n" + "".join(f"{i / 50},{i % 7},0,9.8\n" for i in range(300)))
+            whole = np.frombuffer(path.read_bytes(), np.uint8)
+            for _ in range(100):
+                path.write_bytes(np.where(rng.random(len(whole)) < 0.002, 255 - whole, whole).tobytes())
+                with contextlib.suppress(RecordingError):
+                    detect(path)
 
     def test_a_link_in_an_archive(self, tmp_path: Path) -> None:
         link = zipfile.ZipInfo("Accelerometer.csv")

@@ -18,7 +18,7 @@ from pdrbench.datasets.folders import brought_folders, remember_folder
 from pdrbench.errors import DatasetError, RecordingError
 from pdrbench.files import is_safe_name
 from pdrbench.io.compressed import content_of, plain_name
-from pdrbench.io.container import ZIP_MAGIC
+from pdrbench.io.container import DAMAGED, ZIP_MAGIC
 from pdrbench.io.text import MAX_TEXT_BYTES, Text, clean_text
 from pdrbench_sim.readers.ilc20_map import PLAN, SIZE
 
@@ -61,7 +61,7 @@ class Member(msgspec.Struct, frozen=True):
                     return content_of(stream, self.path, MAX_TEXT_BYTES)
             with _archive(self.source).open(self.name) as stream:
                 return content_of(stream, self.path, MAX_TEXT_BYTES)
-        except (OSError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError) as error:
+        except DAMAGED as error:
             raise RecordingError(f"{self.path}: cannot be read: {error}; copy it again") from error
 
     def text(self) -> Text:
@@ -147,7 +147,7 @@ def members(place: Path) -> Iterator[Member]:
     elif place.is_file():
         try:
             found = sorted(_archive(str(place)).infolist(), key=lambda each: each.filename)
-        except (OSError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise DatasetError(f"{place}: no folder and no zip archive ({error}); name the download") from error
         for each in found:
             if not each.is_dir():
