@@ -24,7 +24,6 @@ from pdrbench.errors import DatasetError, plain_value
 from pdrbench.evaluation import answers
 from pdrbench.evaluation.origin import package_sha256
 from pdrbench.evaluation.store import make_folder, remember, remembered, result_key, write_whole
-from pdrbench.recording import Recording
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import pictures, table
 from pdrbench_leaderboard.boards import Board
@@ -184,12 +183,6 @@ def board_json(name: str, tables: Sequence[Table]) -> dict[str, Any]:
     return {"board": name, "rows": rows}
 
 
-def _main_level(recording: Recording) -> int:
-    """The level of most of a walk."""
-    levels, counts = np.unique(recording.reference.level, return_counts=True)
-    return int(levels[counts.argmax()])
-
-
 def replays(found: Table) -> list[dict[str, Any]]:
     """Public walks on which the first that played them and those after it differ most; none where truth is not here.
 
@@ -244,7 +237,8 @@ def _replay(found: Table, env: str, place: int, pair: tuple[Row, Row]) -> dict[s
         xy_m = answers.from_whole_numbers(rows, reference.t_s, answers.COARSE).xy_m
         tracks[name] = np.where(np.isfinite(xy_m), xy_m, truth.fallback.xy_m)
         errors.append(float(found.values(row.entry, part="public")[env][place]))
-    level = _main_level(recording)
+    levels, counts = np.unique(reference.level, return_counts=True)
+    level = int(levels[counts.argmax()])  # of most of the walk
     here = reference.level == level
     picture = pictures.plan_picture(
         recording.building,
