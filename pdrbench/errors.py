@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Any, Final
 
 MAX_NAMES: Final = 24  # an error lists: every environment, not every walk
 
@@ -63,6 +63,11 @@ def plain_text(text: str) -> str:
     'a?[2Jb\\n\\tc'
     """
     return "".join(sign if sign in "\n\t" or sign.isprintable() else "?" for sign in text)
+
+
+def plain_value(value: Any) -> Any:
+    """A text from outside as it goes into a page: without marks of direction; what is HTML already stays."""
+    return plain_text(value) if type(value) is str else value
 
 
 def plain_line(text: str) -> str:

@@ -75,7 +75,7 @@ def power_rows(board: str, walks: Mapping[str, int], played: Mapping[str, Played
         PdrbenchError: Fewer than two localizers were played to the end of a walk.
     """
     rows = [_row(board, {env: walks[env]}, {env: of}) for env, of in played.items()]
-    return [_row(board, walks, played), *rows] if board else rows
+    return [_row(board, walks, played) | {"env": None}, *rows] if board else rows
 
 
 def _row(board: str, walks: Mapping[str, int], played: Mapping[str, Played]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ and a content security policy lets no other script run.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.resources
 import json
@@ -19,11 +20,10 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from pdrbench import __version__
-from pdrbench.errors import DatasetError
+from pdrbench.errors import DatasetError, plain_value
 from pdrbench.evaluation import answers
-from pdrbench.evaluation.store import make_folder, write_whole
-from pdrbench.recording import Recording
-from pdrbench.report.pages import plain_value
+from pdrbench.evaluation.origin import package_sha256
+from pdrbench.evaluation.store import make_folder, remember, remembered, result_key, write_whole
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import pictures, table
 from pdrbench_leaderboard.boards import Board
@@ -38,16 +38,6 @@ if TYPE_CHECKING:
 FILES: Final = ("style.css", "theme.js", "filter.js", "replay.js")
 FIRST: Final = 5  # entries of a board on the index
 REPLAYS: Final = 3  # walks on the page of a board
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Replay:
-    """A walk on which two entries differ."""
-
-    names: tuple[str, str]
-    errors_m: tuple[float, float]
-    picture: Markup
-    data: str  # for the script that moves the spots
 
 
 def write_site(tables: Mapping[Board, Sequence[Table]], folder: Path) -> list[Path]:
@@ -115,7 +105,7 @@ def _sensors(tables: Mapping[Board, Sequence[Table]]) -> list[str]:
     return [name for name in SENSORS if name in used]
 
 
-def _index_card(board: Board, tables: Sequence[Table], replays: Sequence[Replay]) -> dict[str, Any]:
+def _index_card(board: Board, tables: Sequence[Table], replays: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """What the index shows of a board, with the walk on which its first entries differ most."""
     online = tables[0] if tables else None
     facts = separability(board, tables)
@@ -193,14 +183,11 @@ def board_json(name: str, tables: Sequence[Table]) -> dict[str, Any]:
     return {"board": name, "rows": rows}
 
 
-def _main_level(recording: Recording) -> int:
-    """The level of most of a walk."""
-    levels, counts = np.unique(recording.reference.level, return_counts=True)
-    return int(levels[counts.argmax()])
+def replays(found: Table) -> list[dict[str, Any]]:
+    """Public walks on which the first that played them and those after it differ most; none where truth is not here.
 
-
-def replays(found: Table) -> list[Replay]:
-    """Public walks on which the first that played them and those after it differ most; none where truth is not here."""
+    Those of the last time are kept in the cache.
+    """
     rows = [row for row in found.rows if found.values(row.entry, part="public")][:3]
     candidates = []
     for listed in found.board.environments:
@@ -217,18 +204,22 @@ def replays(found: Table) -> list[Replay]:
                     candidates.append((float(gap[place]), listed.env, place, other))
     candidates.sort(key=lambda candidate: -candidate[0])
     shown: set[tuple[str, int]] = set()
-    made: list[Replay] = []
+    memory, made, code = f"replays-{found.board.name}.json", dict[str, dict[str, Any]](), package_sha256(__package__)
+    known = remembered(memory)
     for _, env, place, other in candidates:
         if (env, place) not in shown and len(made) < REPLAYS:
             shown.add((env, place))
-            try:
-                made.append(_replay(found, env, place, (rows[0], other)))
-            except DatasetError:
-                continue
-    return made
+            played = [(row.name, row.entry.record.answers_sha256) for row in (rows[0], other)]
+            key = result_key({"walk": (env, found.walks[env, "public"].sha256, place), "by": played, "code": code})
+            with contextlib.suppress(DatasetError):
+                made[key] = known.get(key) or _replay(found, env, place, (rows[0], other))
+    if made.keys() != known.keys():
+        remember(memory, made)
+    return list(made.values())
 
 
-def _replay(found: Table, env: str, place: int, pair: tuple[Row, Row]) -> Replay:
+def _replay(found: Table, env: str, place: int, pair: tuple[Row, Row]) -> dict[str, Any]:
+    """Names and errors of two entries on a walk, the picture, and the data of the script that moves the spots."""
     walks = found.walks[env, "public"]
     listed = found.board.environment(env)
     task = listed.task()
@@ -246,7 +237,8 @@ def _replay(found: Table, env: str, place: int, pair: tuple[Row, Row]) -> Replay
         xy_m = answers.from_whole_numbers(rows, reference.t_s, answers.COARSE).xy_m
         tracks[name] = np.where(np.isfinite(xy_m), xy_m, truth.fallback.xy_m)
         errors.append(float(found.values(row.entry, part="public")[env][place]))
-    level = _main_level(recording)
+    levels, counts = np.unique(reference.level, return_counts=True)
+    level = int(levels[counts.argmax()])  # of most of the walk
     here = reference.level == level
     picture = pictures.plan_picture(
         recording.building,
@@ -256,4 +248,4 @@ def _replay(found: Table, env: str, place: int, pair: tuple[Row, Row]) -> Replay
     )
     data = {name: pictures.rounded(xy_m[here]) for name, xy_m in tracks.items()}
     data["t_s"] = np.round(reference.t_s[here], 1).tolist()
-    return Replay((pair[0].name, pair[1].name), (errors[0], errors[1]), picture, json.dumps(data))
+    return {"names": [row.name for row in pair], "errors_m": errors, "picture": picture, "data": json.dumps(data)}

@@ -257,14 +257,15 @@ class Table:
         """Pairs that are separated."""
         return 0 if self.ranking is None else int(np.triu(self.ranking.pairs.is_apart, 1).sum())
 
-    @property
-    def groups(self) -> list[str]:
-        """Strata of the held-out walks, in alphabetical order."""
-        return sorted(
-            {name for of in self.walks.values() if of.part == "held-out" for walk in of.walks for name in walk.groups}
-        )
+    @functools.cached_property
+    def by_group(self) -> dict[str, dict[str, float]]:
+        """Score of each entry by stratum of the held-out walks, in alphabetical order."""
+        of_parts = [of.walks for of in self.walks.values() if of.part == "held-out"]
+        names = sorted({name for walks in of_parts for walk in walks for name in walk.groups})
+        rankings = {name: self.ranked("held-out", group=name, draws=0) for name in names}
+        return {name: {of.name: of.score_m for of in one.standings} for name, one in rankings.items() if one}
 
-    @property
+    @functools.cached_property
     def agreement(self) -> tuple[float, float]:
         """Kendall's tau of the orders on public and on held-out walks: over pairs separated, and over all.
 

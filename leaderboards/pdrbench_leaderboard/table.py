@@ -201,14 +201,10 @@ def _general_notes(table: Table) -> Iterator[str]:
 
 def strata_of(table: Table) -> tuple[list[str], list[list[str]]]:
     """Header and lines of scores by environment and by group of walks: a line for each, a column for each entry."""
-    groups = {
-        name: {of.name: of.score_m for of in ranking.standings}
-        for name in table.groups
-        if (ranking := table.ranked("held-out", group=name, draws=0)) is not None
-    }
     envs = [listed.env for listed in table.environments()] if len(table.environments()) > 1 else []
     lines = [[env, *(number(row.by_env.get(env, math.nan)) for row in table.rows)] for env in envs]
-    lines += [[name, *(number(of.get(row.name, math.nan)) for row in table.rows)] for name, of in groups.items()]
+    groups = table.by_group.items()
+    lines += [[name, *(number(of.get(row.name, math.nan)) for row in table.rows)] for name, of in groups]
     return ["walks", *(f"`{row.name}`" for row in table.rows)], lines
 
 

@@ -165,7 +165,8 @@ def rank(
         units: By environment, (W,) unit of each walk.
         noise_m: By environment, the error of its reference, above 0: no walk counts as better.
         rng: Draws signs.
-        draws: Random patterns of signs, where there are too many units for all patterns; 0 for the order without tests.
+        draws: Random patterns of signs, where there are too many units for all patterns; 0 for the order without tests
+            and intervals of ratios.
 
     Raises:
         ValueError: No localizer has a value on any walk, or one has another number of walks than there are units.
@@ -264,10 +265,11 @@ def _score(parts: Sequence[_Part]) -> FloatArray:
 def _pairs(parts: Sequence[_Part], rng: np.random.Generator, draws: int) -> Pairs:
     num = len(parts[0].log_m)
     first, second = np.triu_indices(num, 1)
-    error, degrees = _errors([part.log_m[first] - part.log_m[second] for part in parts], parts)
-    weights = _weights(parts)
-    sums = np.concatenate([weight * _unit_means(part) for weight, part in zip(weights, parts, strict=True)])
-    p = sign_flip_p(sums, rng=rng, draws=draws) if draws else np.ones(len(first))
+    error, degrees, p = np.full((3, len(first)), [[math.nan], [math.nan], [1.0]])
+    if draws:
+        error, degrees = _errors([part.log_m[first] - part.log_m[second] for part in parts], parts)
+        sums = [weight * _unit_means(part) for weight, part in zip(_weights(parts), parts, strict=True)]
+        p = sign_flip_p(np.concatenate(sums), rng=rng, draws=draws)
     score = _score(parts)
 
     def square(of_pairs: FloatArray, diagonal: float) -> FloatArray:

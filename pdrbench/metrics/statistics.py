@@ -22,7 +22,8 @@ from pdrbench.geometry import FloatArray, IntArray
 
 MIN_UNITS: Final = 4  # with three, an interval that holds is over twice as wide as one with a known spread
 CONFIDENCE: Final = 0.95
-CHUNK: Final = 2_000_000  # signs at a time: bounds memory, changes nothing
+CHUNK: Final = 200_000  # signs at a time: what the cache of a processor holds
+SIGNS: Final = 1.0 - 2.0 * np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1)  # of the bits of a byte
 EXACT_UNITS: Final = 20  # most units for all patterns of signs; more are drawn
 DRAWS: Final = 100_000  # of patterns: the smallest p-value, 1e-5, times 435 pairs of 30 entries is still below 0.01
 
@@ -181,11 +182,10 @@ def _sign_patterns(
     for begun in range(0, patterns, rows):
         number = np.arange(begun, min(begun + rows, patterns))
         if is_exact:
-            turned = (number[:, None] >> np.arange(num_units) & 1).astype(np.uint8)
+            yield np.asarray(1.0 - 2.0 * (number[:, None] >> np.arange(num_units) & 1), dtype=np.float64)
         else:
             drawn = np.frombuffer(rng.bytes(len(number) * math.ceil(num_units / 8)), dtype=np.uint8)
-            turned = np.unpackbits(drawn.reshape(len(number), -1), axis=1, count=num_units)
-        yield np.asarray(1.0 - 2.0 * turned, dtype=np.float64)
+            yield np.asarray(SIGNS[drawn].reshape(len(number), -1)[:, :num_units])
 
 
 def holm(p_values: ArrayLike) -> FloatArray:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pdrbench.errors import plain_text
+from pdrbench.errors import plain_value
 
 
 def comparison_page(
@@ -19,11 +19,6 @@ def comparison_page(
     """
     embedded = [(picture.stem, base64.b64encode(picture.read_bytes()).decode()) for picture in pictures]
     return render("comparison.html", tables=tables, notes=notes, pictures=embedded)
-
-
-def plain_value(value: Any) -> Any:
-    """A text from outside as it goes into a page: without marks of direction; what is HTML already stays."""
-    return plain_text(value) if type(value) is str else value
 
 
 def render(template: str, *, package: str = "pdrbench.report", **values: Any) -> str:

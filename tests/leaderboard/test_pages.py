@@ -149,14 +149,17 @@ def test_every_link_leads_somewhere_and_nothing_is_fetched(site: Path) -> None:
                 assert (page.parent / link).is_file(), f"{page}: {link}"
 
 
-def test_a_board_has_its_picture_and_replays(site: Path) -> None:
-    text = (site / "toy.html").read_text()
+def test_a_board_has_its_picture_and_keeps_its_replays(
+    site: Path, tables: list[Table], toy_board: Board, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdrbench_leaderboard.site._replay", None)
+    write_site({toy_board: tables}, tmp_path)
+    text = (tmp_path / "toy.html").read_text()
+    assert text == (site / "toy.html").read_text()
     assert text.count('<svg class="order"') == 2 and text.count('class="replay"') == 3
     rows = json.loads((site / "toy.json").read_text())["rows"]
     assert [(row["division"], row["name"]) for row in rows][:2] == [("online", "mine"), ("online", "wanders")]
-    found = re.search(r'data-track="([^"]*)"', text)
-    assert found is not None
-    track = json.loads(unescape(found[1]))
+    track = json.loads(unescape(re.findall(r'data-track="([^"]*)"', text)[0]))
     assert len(track["real"]) == len(track["a"]) == len(track["t_s"])
 
 

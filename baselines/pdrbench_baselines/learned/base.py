@@ -37,6 +37,7 @@ class NetworkLocalizer:
 
     def _begin(self, briefing: Briefing, length_factor: float = 1.0, companions: Sequence[str] = ()) -> None:
         """Begins a walk; see `Reckoner`. Companions are named as weights that come with pdrbench."""
+        briefing.require(sensors=("accel", "gyro"))  # before a network is compiled for nothing
         carrier = briefing.carrier
         network = self._network(self._weights or carrier)
         start = briefing.start

@@ -87,7 +87,8 @@ def relax(
     rounds = max(round(2 * (radius_m / 1.6 / spacing_m) ** 2), 8)
     xy_m = base_xy_m.copy()
     soft, hard = 4.0 / rounds, min(60.0 / rounds, 0.5)
-    relax_band(xy_m, walls.point, walls.start_xy_m, walls.end_xy_m, rounds, clearance_m, comfort_m, soft, hard)
+    starts_xy_m, ends_xy_m = walls.start_xy_m.T, walls.end_xy_m.T
+    relax_band(xy_m, walls.point, starts_xy_m, ends_xy_m, rounds, clearance_m, comfort_m, soft, hard)
     return xy_m
 
 

@@ -27,8 +27,8 @@ def relax_band(
     Args:
         xy_m: (N, 2) the path.
         point: (K,) which point of it each wall is near to.
-        start_xy_m: (K, 2) of that wall.
-        end_xy_m: (K, 2).
+        start_xy_m: (2, K) of that wall; one layout whatever K is, so that it is compiled once.
+        end_xy_m: (2, K).
         rounds: How often.
         clearance_m: Nearer walls push hard.
         comfort_m: Nearer walls push softly.
@@ -55,12 +55,12 @@ def relax_band(
             push[0, i] = push[1, i] = 0.0
         for pair in range(len(point)):
             i = point[pair]
-            along_x, along_y = end_xy_m[pair, 0] - start_xy_m[pair, 0], end_xy_m[pair, 1] - start_xy_m[pair, 1]
-            from_x, from_y = xy_m[i, 0] - start_xy_m[pair, 0], xy_m[i, 1] - start_xy_m[pair, 1]
+            along_x, along_y = end_xy_m[0, pair] - start_xy_m[0, pair], end_xy_m[1, pair] - start_xy_m[1, pair]
+            from_x, from_y = xy_m[i, 0] - start_xy_m[0, pair], xy_m[i, 1] - start_xy_m[1, pair]
             fraction = (from_x * along_x + from_y * along_y) / (along_x * along_x + along_y * along_y)
             fraction = min(max(fraction, 0.0), 1.0)
-            off_x = start_xy_m[pair, 0] + fraction * along_x - xy_m[i, 0]
-            off_y = start_xy_m[pair, 1] + fraction * along_y - xy_m[i, 1]
+            off_x = start_xy_m[0, pair] + fraction * along_x - xy_m[i, 0]
+            off_y = start_xy_m[1, pair] + fraction * along_y - xy_m[i, 1]
             if abs(off_x) > comfort_m or abs(off_y) > comfort_m:
                 continue
             distance = max(math.hypot(off_x, off_y), 1e-9)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from packaging.version import Version
 
@@ -27,8 +26,6 @@ _NUMBER = re.compile(rb"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _HASH_BYTES: Final = 24  # an address of a network has 17
 _HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
 HEAD_BYTES: Final = 8_192  # the first record is within
-# What reads decimals to the last bit: later versions of pandas do it anyway.
-_EXACT: Final[dict[str, Any]] = {} if Version(pd.__version__) >= Version("3.1") else {"float_precision": "round_trip"}
 _IN_NUMBERS: Final = b"0123456789.+-eE\n"  # of numbers and the marks behind them
 _SHORT = re.compile(rb"^\d{1,9}(?=\tTYPE_)", re.MULTILINE)  # milliseconds from 0 without leading zeros: eleven days
 _HEADER = re.compile(rb"#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):")  # fast as it begins plainly
@@ -79,8 +76,12 @@ class Lines:
         text = self.codes[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(length.sum())]
         written = text.tobytes().replace(b"\t", b"\n")
         if not written.translate(None, _IN_NUMBERS):
+            import pandas as pd
+
+            # What reads decimals to the last bit: later versions of pandas do it anyway.
+            how: Any = {} if Version(pd.__version__) >= Version("3.1") else {"float_precision": "round_trip"}
             with contextlib.suppress(ValueError):  # of a text that is no number
-                found = pd.read_csv(io.BytesIO(written), header=None, dtype=np.float64, **_EXACT)[0].to_numpy()
+                found = pd.read_csv(io.BytesIO(written), header=None, dtype=np.float64, **how)[0].to_numpy()
                 if len(found) == len(begin):
                     return np.asarray(found)
         return np.array([as_float(text) for text in self.slices(begin, end)])

@@ -16,6 +16,7 @@ from pdrbench.io.log import Log
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench_formats.commands.inspect import COLUMNS_HELP, FORMAT_HELP, TABLE, read_thing
+from pdrbench_formats.commands.map import DOORS_HELP
 from pdrbench_formats.detect import read_plan
 from pdrbench_formats.export import FORMATS
 from pdrbench_formats.maps.plan import Plan
@@ -38,6 +39,7 @@ def convert(
         Path | None, typer.Option("--columns", metavar="FILE", help=COLUMNS_HELP, show_default="guessed")
     ] = None,
     mounting: Annotated[str, typer.Option(metavar="WHERE", help="Where the device was: hand, pocket, foot.")] = "",
+    doors: Annotated[str, typer.Option(metavar="HOW", help=DOORS_HELP)] = "none",
     as_json: AsJson = False,
 ) -> None:
     """Convert a file into pdrbench's own storage: exact, mapped into memory, never unpickled."""
@@ -49,10 +51,14 @@ def convert(
         match content:
             case Log() | Recording():
                 _check_out(out, "", "a walk becomes a folder")
-                native.write(_recording(content, source, name, map_file, mounting), out)
+                building = None if map_file is None else read_plan(map_file, None, doors).building
+                native.write(_recording(content, source, name, building, mounting), out)
             case Building() | Plan():
                 _check_out(out, ".geojson", "a map becomes a .geojson file")
-                geojson.write(content.building if isinstance(content, Plan) else content, out)
+                plan = read_plan(source, found, doors)
+                geojson.write(plan.building, out)
+                for warning in plan.warnings:
+                    note(f"warning: {warning}")
             case Result():
                 _check_out(out, ".tum" if out.suffix == ".tum" else ".csv", "the answers become a .csv or .tum file")
                 write_text(out, FORMATS[out.suffix](content.estimates, None, None, content.walk))
@@ -74,11 +80,10 @@ def _check_out(out: Path, suffix: str, rule: str) -> None:
 
 
 def _recording(
-    content: Log | Recording, source: Path, name: str | None, map_file: Path | None, mounting: str
+    content: Log | Recording, source: Path, name: str | None, building: Building | None, mounting: str
 ) -> Recording:
     from pdrbench.sensors import sensor_spec
 
-    building = None if map_file is None else read_plan(map_file).building
     if isinstance(content, Recording):
         return dataclasses.replace(
             content, id=name or content.id, building=building or content.building, mounting=mounting or content.mounting

@@ -68,9 +68,9 @@ def with_doors(plan: Plan, doors: str) -> Plan:
     is_lost = unreachable(building)
     rooms = [k for k, polygon in enumerate(building.polygons) if polygon.kind == "floor" and not _is_door(polygon)]
     if is_lost[rooms].any():
-        remedy = {"none": "--doors nearest opens a door to each, --doors wide a whole wall"}
+        remedy = {"none": "--doors nearest (in a task file: doors = 'nearest' below [plan]) opens a door to each"}
         why = remedy.get(doors, "no other room lies beside them")
-        notes.append(f"{int(is_lost[rooms].sum())} of {len(rooms)} rooms have no way in, nobody can enter them: {why}")
+        notes.append(f"{int(is_lost[rooms].sum())} of {len(rooms)} rooms have no way in, no walk enters them: {why}")
     repairs, warnings = (*plan.repairs, *opened), (*notes, *plan.warnings)
     return replace(plan, building=building, repairs=repairs, warnings=warnings, closed=closed)
 
