@@ -175,18 +175,21 @@ def _begins_json(content: bytes) -> bool:
 
 def _of_rows(text: str, path: Path) -> _Document:
     """Rows with a geometry in WKT, as QGIS and PostGIS write them; without a header, such a text on each line."""
-    lines = text.splitlines()
+    lines = text.splitlines() or [""]
     marks = Counter(mark for mark in ",;\t|" for _ in range(lines[0].count(mark)))
     has_header = not _WKT.match(lines[0].encode())
     mark = marks.most_common(1)[0][0] if marks and has_header else "\0"
-    rows = csv.DictReader(lines, None if has_header else ["wkt"], delimiter=mark)
+    try:
+        rows = list(csv.DictReader(lines, None if has_header else ["wkt"], delimiter=mark))
+    except csv.Error as error:
+        raise MapError(f"{path}: no table that can be read ({error}); export it as GeoJSON") from error
     features, frame = [], ""
     for number, row in enumerate(rows, 1):
         given = {key: value for key, value in row.items() if key and isinstance(value, str) and value.strip()}
         key = next((key for key, value in given.items() if _WKT.fullmatch(value.encode())), "")
         srid, _, wkt = given.pop(key, "").rpartition(";")
         shape = shapely.from_wkt(wkt, on_invalid="ignore") if wkt else None
-        if wkt and shape is None:
+        if wkt and (shape is None or not np.isfinite(shapely.get_coordinates(shape)).all()):
             raise MapError(f"{path}: row {number}: {wkt[:60]!r} is no geometry in WKT; export the table again")
         geometry = None if shape is None else msgspec.json.decode(shapely.to_geojson(shape))
         numbers = {name: float(value) for name, value in given.items() if _NUMBER.fullmatch(value)}

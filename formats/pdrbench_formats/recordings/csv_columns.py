@@ -96,9 +96,9 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
     _check_devices(path, table, found, assumed)
     if isinstance(found.gyro_unit, float) and "gyro_unit" in assumed:
         raise RecordingError(
-            f"{path}: line {table.first_line - 1}: the rates are counts of a converter, whose range nothing states, or "
-            f"in a unit finer than degrees/s; pass this column map once gyro_unit is right, one count in rad/s (with "
-            f"16 bits, 0.000133 of a range of 250 degrees/s, 0.00107 of 2000):\n{_indented(found)}"
+            f"{path}: the rates are counts of a converter, whose range nothing states, or finer than degrees/s; pass "
+            f"this column map once gyro_unit is right, one count in rad/s (0.000133 of 16 bits and 250 degrees/s, "
+            f"0.00107 of 2000):\n{_indented(found)}"
         )
     note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)

@@ -31,6 +31,7 @@ _STAMP: Final = re.compile(rb"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=(.*))", re.M)  # of
 _MINUS: Final = "\N{MINUS SIGN}".encode()  # of typeset numbers, where others write a hyphen
 _CHECKSUM: Final = re.compile(rb"\*[0-9A-F]{2}(?=\r?$)", re.M)  # of NMEA 0183
 _VECTOR: Final = re.compile(rb'"?[\[(]\s*(-?[\d.][-+\d.e]*(?:[,;\s]+-?[\d.][-+\d.e]*){2,3})\s*[\])]"?', re.I)
+_PARTS: Final = re.compile(rb"[^,;\s]+")
 _LAST_MARK: Final = re.compile(rb";(?=\r?\n)")
 _BETWEEN_OBJECTS: Final = re.compile(rb"\}\s*,\s*\{")
 _BETWEEN_FIELDS: Final = re.compile(rb"[,;\t|]\s*|\s+(?=[A-Za-z_\x80-\xff][^\s:=]*[:=])")
@@ -70,20 +71,17 @@ def text_of(content: bytes, path: Path) -> Text:
 def _without_brackets(content: bytes) -> bytes:
     """Rows with whole vectors in their fields, as `[0.1, 0.2, 9.8]` or `(0.1 0.2 9.8)`, with a field for each axis."""
     header, _, rows = content.partition(b"\n")
-    first = rows.partition(b"\n")[0]
-    if content[:1] in (b"{", b"[") or not _VECTOR.search(first):
+    if content[:1] in (b"{", b"[") or not _VECTOR.search(first := rows.partition(b"\n")[0]):
         return content
     mark = next((one for one in (b"\t", b";", b",") if one in header), b",")
-    fields = _VECTOR.sub(lambda match: b"\0" * len(match[1].replace(b",", b" ").split()), first).split(mark)
-    names = header.strip().split(mark)
-    if len(names) != len(fields):
-        return content
-    axes = [
-        [name + b"." + axis for axis in (b"x", b"y", b"z", b"w")[: field.count(b"\0")]] or [name]
-        for name, field in zip(names, fields, strict=True)
+    fields = _VECTOR.sub(lambda match: b"\0" * len(_PARTS.findall(match[1])), first).split(mark)
+    of_fields = zip(header.strip().split(mark), fields, strict=False)
+    names = [
+        name + axis
+        for name, field in of_fields
+        for axis in (b".x", b".y", b".z", b".w")[: field.count(b"\0")] or (b"",)
     ]
-    flat = _VECTOR.sub(lambda match: mark.join(match[1].replace(b",", b" ").replace(b";", b" ").split()), rows)
-    return mark.join([name for of in axes for name in of]) + b"\n" + flat
+    return mark.join(names) + b"\n" + _VECTOR.sub(lambda match: mark.join(_PARTS.findall(match[1])), rows)
 
 
 def _num_known(begin: bytes, encoding: str) -> int:
