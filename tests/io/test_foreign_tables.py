@@ -47,36 +47,6 @@ def test_what_stands_above_the_rows(
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
 
 
-NAMES = ("x", "y", "z")
-
-
-@pytest.mark.parametrize(
-    ("accel", "gyro", "factors"),
-    [
-        ("LSM6DS3 Accelerometer.{}", "LSM6DS3 Gyroscope.{}", (1.0, 1.0)),
-        ("Acceleration_{}_m/s2", "AngularVelocity_{}_rad/s", (1.0, 1.0)),
-        ("acc_{}_g", "rot_rate_{}_dps", (1 / 9.80665, 180 / np.pi)),
-        ("Beschl. {} [m/s²]", "Drehrate {} [°/s]", (1.0, 180 / np.pi)),
-        ("f{}", "w{}", (1.0, 1.0)),
-        ("imu.accelerometer.{}.value", "imu.gyroscope.{}.value", (1.0, 1.0)),
-    ],
-)
-def test_names_of_sensors(
-    phone_walk: Rows, tmp_path: Path, accel: str, gyro: str, factors: tuple[float, float]
-) -> None:
-    """Among columns of what is no rate: bias, linear acceleration, and a place that the phone took for its own."""
-    header = ["epoch_ms", *map(accel.format, NAMES), *map(gyro.format, NAMES), *map("gyro bias {}".format, NAMES)]
-    header += [*map("userAccel{}".format, "XYZ"), "latitude", "longitude"]
-    t, a, w = (phone_walk["accel"][:, 0] * 1e3, phone_walk["accel"][:, 1:], phone_walk["gyro"][:, 1:])
-    linear = a - phone_walk["gravity"][:, 1:]
-    table = np.column_stack([t, a * factors[0], w * factors[1], 0 * w + 0.1, linear, 0 * t + 48.1, 0 * t + 11.5])
-    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=",".join(header), comments="", encoding="utf-8")
-    log = read(tmp_path / "a.csv", "csv")
-    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
-    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
-    assert not len(log.reference)
-
-
 def test_of_two_accelerations_the_one_with_gravity_is_read(phone_walk: Rows, tmp_path: Path) -> None:
     """Physics Toolbox writes forces in g beside the acceleration without gravity, and pressure as p."""
     t, a = phone_walk["accel"][:, 0], phone_walk["accel"][:, 1:]
@@ -173,7 +143,7 @@ def test_phyphox_in_any_language(phone_walk: Rows, tmp_path: Path) -> None:
     }
     files = {"meta/time.csv": b'"event","experiment time","system time"\n"START",0,1700000000\n'}
     for name, (rows, word, unit) in tables.items():
-        header = ",".join(f'"{text}"' for text in ["時間 (s)", *(f"{word} {axis} ({unit})" for axis in NAMES)])
+        header = ",".join(f'"{text}"' for text in ["時間 (s)", *(f"{word} {axis} ({unit})" for axis in "xyz")])
         files[f"{name}.csv"] = samples.text_of(header, rows, form="%.7E")
     log = read(samples.zip_of(tmp_path / "a.zip", files))
     assert detect(tmp_path / "a.zip") == "phyphox"

@@ -29,6 +29,7 @@ from plan_samples import (
     rectangle,
     ros_map,
     scaled,
+    turned_lat_lon,
     written,
     written_bytes,
     written_text,
@@ -222,7 +223,10 @@ def noise(folder: Path) -> Path:
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "noise": (lambda p: noise(p), "as noise or a photograph"),
     "a feature alone": (lambda p: written(p / "a.geojson", house()[0]), "a Feature alone"),
-    "lines": (lambda p: written_text(p / "a.json", "\n".join(map(json.dumps, house()))), "a feature on each line"),
+    "exchanged": (
+        lambda p: plain(scaled(house(), turned_lat_lon), p / "a.json", units="degrees"),
+        "latitude look swapped",
+    ),
     "other words": (
         lambda p: plain([{**one, "properties": {"what": "room", "floor": 0}} for one in house()], p / "a.json"),
         "its properties are floor, level, what",

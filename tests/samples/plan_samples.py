@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 
 from pdrbench.io.geo import GeoFrame
 
@@ -361,7 +362,20 @@ def doors_as_lines(elements: list[dict[str, Any]]) -> list[dict[str, Any]]:
 CRS84 = {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}
 
 
+def turned_lat_lon(xy_m: tuple[float, float]) -> list[float]:
+    """Degrees in the wrong order, of a house that is turned."""
+    return list(degrees((0.8 * xy_m[0] - 0.6 * xy_m[1], 0.6 * xy_m[0] + 0.8 * xy_m[1])))[::-1]
+
+
+def wkt_table(path: Path) -> Path:
+    shapes = [(shapely.geometry.shape(one["geometry"]).wkt, one["properties"]) for one in layered()]
+    rows = [f'"{wkt}",{tags["Layer"]},{tags["level"]}' for wkt, tags in shapes]
+    return written_text(path, "\n".join(["WKT,Layer,level", *rows, ""]))
+
+
 FOREIGN: dict[str, Callable[[Path], Path]] = {
+    "features on lines": lambda p: written_text(p / "a.geojsonl", "\x1e" + "\n\x1e".join(map(json.dumps, house()))),
+    "WKT in a table": lambda p: wkt_table(p / "a.csv"),
     "closed lines as rooms": lambda p: plain(geojson_lines(house()), p / "a.geojson"),
     "levels with a point": lambda p: plain(levels_with_a_point(house()), p / "a.geojson"),
     "millimetres": lambda p: plain(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +88,49 @@ def test_surveys_in_the_dialects_of_loggers(text: str, tmp_path: Path) -> None:
 def test_degrees_exchanged_in_one_of_two_sources_name_both() -> None:
     with pytest.raises(RecordingError, match=r"11.10, longitude 49.50, and the other places at 49.46, 11.11: exchange"):
         check_not_exchanged(GeoFrame(11.1, 49.5), GeoFrame(49.46, 11.11), "the places")
+
+
+PLACES = ((0.0, 3.0, 4.5, 0), (10.0, 9.0, 4.5, 0), (21.0, 9.0, 12.0, 1))
+IN_JSON = [{"time": t, "position": {"x": x, "y": y, "floor": level}} for t, x, y, level in PLACES]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s,x (in),y (in),floor\n" + "".join(f"{t},{x / 0.0254},{y / 0.0254},{f}OG\n" for t, x, y, f in PLACES),
+        "Zeit [min];X [mm];Y [mm];Etage\n0;3.000,0;4.500,0;EG\n0,166666667;9.000,0;4.500,0;EG\n"
+        "0,35;9.000,0;12.000,0;1.OG\n0,35;9.000,0;12.000,0;1.OG\n",
+        "t,pose.position.x,pose.position.y,階\n" + "".join(f"{t},{x},{y},{f}\n" for t, x, y, f in PLACES),
+        json.dumps({"waypoints": IN_JSON}),
+    ],
+)
+def test_places_of_strangers(text: str, tmp_path: Path) -> None:
+    text = text.replace("0OG", "EG")
+    (tmp_path / "a.csv").write_bytes(text.encode("shift_jis"))
+    places, _, _ = read_places(tmp_path / "a.csv", None)
+    found = np.column_stack([places.t_s, places.xy_m, places.level])
+    np.testing.assert_allclose(found, PLACES, atol=1e-3)
+
+
+@pytest.mark.parametrize(("names", "message"), [("x (px),y (px)", "none of m, cm"), ("lat,lon", "exchange the names")])
+def test_places_that_would_be_wrong(names: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"t_s,{names}\n0,111.5,48.1\n9,111.6,48.2\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=message):
+        read_places(tmp_path / "a.csv", None)
+
+
+def test_surveys_of_strangers(tmp_path: Path) -> None:
+    """Addresses in two ways of writing, what was not received as -110, and scans in JSON are one survey."""
+    macs = ("02:00:00:00:00:0a", "02:00:00:00:00:0b", "02:00:00:00:00:0c")
+    scans = [(x, 2.5, 0, *((-50 - x, -60, None) if x % 2 else (-55, None, -70))) for x in range(6)]
+    wide = ["x,y,level," + ",".join(mac.upper().replace(":", "-") for mac in macs)]
+    wide += [",".join("-110" if value is None else str(value) for value in row) for row in scans]
+    (tmp_path / "a.csv").write_text("\n".join(wide), encoding="utf-8")
+    given = [
+        {"x": x, "y": y, "floor": f, "wifi": [{"mac": m, "rss": r} for m, r in zip(macs, of, strict=True) if r]}
+        for x, y, f, *of in scans
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(given), encoding="utf-8")
+    found = [read_survey_table(tmp_path / name)[0] for name in ("a.csv", "a.json")]
+    assert np.array_equal(found[0].readings, found[1].readings) and len(found[0].readings) == 12
+    assert np.array_equal(found[0].xy_m, found[1].xy_m)

@@ -23,6 +23,7 @@ MAX_VERTICES: Final = 500_000
 MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is larger overflows squares
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 _MAX_LEVEL: Final = 1000
+MIN_SKEW_DEG: Final = 3.0  # corners of houses are right angles
 
 
 class _Feature(msgspec.Struct):
@@ -197,6 +198,24 @@ def check_degrees(features: Iterable[Feature], where: object) -> None:
             )
     if extent(feature.shape for feature in features) > 0.5:
         raise MapError(f"{where}: the plan reaches over more than half a degree; no building does, check for swaps")
+    given, exchanged = (_skew_deg(features, north) for north in (1, 0))
+    if given > MIN_SKEW_DEG and exchanged < given / 4.0:
+        raise MapError(
+            f"{where}: longitude and latitude look swapped: its corners are {given:.1f} degrees from right angles, "
+            f"{exchanged:.1f} with the two exchanged; write longitude first"
+        )
+
+
+def _skew_deg(features: Iterable[Feature], north: int) -> float:
+    """By how much the corners of polygons usually miss right angles, if coordinate `north`, 0 or 1, is the latitude."""
+    found = [0.0]
+    for part in shapely.get_parts([feature.shape for feature in features]):
+        if part.geom_type == "Polygon" and not part.is_empty:
+            ring = shapely.get_coordinates(part.exterior)
+            along = np.diff(ring[:, 1 - north]) * np.cos(np.radians(ring[0, north])) + 1j * np.diff(ring[:, north])
+            turn_deg = np.degrees(np.angle(np.append(along[1:], along[:1]) / along))
+            found += np.abs((turn_deg + 45.0) % 90.0 - 45.0).tolist()
+    return float(np.nanmedian(found))
 
 
 def frame_of(features: Sequence[Feature]) -> GeoFrame:

@@ -7,7 +7,9 @@ heights. See docs/buildings.md.
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -49,6 +51,11 @@ _DEGREES_CRS: Final = ("CRS84", "EPSG::4326", "EPSG:4326")
 _MERCATOR_CRS: Final = ("3857", "900913", "3785")  # a metre of it is no metre
 
 
+_WKT: Final = re.compile(rb"\W*(?:SRID=\d+;)?(?:MULTI)?(?:POLYGON|LINESTRING|POINT)\s*[ZM]{0,2}\s*\(.*", re.I | re.S)
+_NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
+_RECORD_MARK: Final = b"\x1e"  # before each feature, RFC 8142
+
+
 class _Level(msgspec.Struct, forbid_unknown_fields=True):
     level: int
     height_m: float | None = None
@@ -69,22 +76,23 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     path = Path(path)
     container = files.opened(path)
     names = container.names() if container.is_file else _collections(container)
-    documents = {name: _document(files.member(container, name), container.label(name)) for name in names}
+    contents = {name: files.member(container, name).replace(_RECORD_MARK, b"") for name in names}
+    documents = {name: _document(content, container.label(name)) for name, content in contents.items()}
     document = _same_frame(list(documents.values()), path)
     builder = BuildingBuilder(document.name or files.name_of(path), strict=strict)
     of_files = (features_of(one, str(container.label(name)), builder.note_geometry) for name, one in documents.items())
     features = [feature for found in of_files for feature in found]
     if not features:
         raise MapError(f"{path}: no feature with geometry; draw a room, an area or a wall")
-    if any(feature.tags.get("indoor") for feature in features) and not _says_what(features):
-        return osm_indoor.read(path, strict=strict)  # tags of OpenStreetMap far behind the beginning of the file
-    if not _says_what(features) and any(shapefile.layer_of(feature) for feature in features):
-        return shapefile.plan_of(path, features, "", strict=strict, source="geojson_plan")
-    _check_vocabulary(features, path)
     crs = _crs_name(document.crs)
     named = document.units or (DEGREES if crs.endswith(_DEGREES_CRS) else "")
     if named == MERCATOR or crs.endswith(_MERCATOR_CRS) or (not (named or crs) and _is_mercator(features, builder)):
         features, named = [dataclasses.replace(one, shape=_in_degrees(one.shape)) for one in features], DEGREES
+    if any(feature.tags.get("indoor") for feature in features) and not _says_what(features):
+        return osm_indoor.plan_of(path, features, builder)  # tags far behind the beginning of the file, or in a table
+    if not _says_what(features) and any(shapefile.layer_of(feature) for feature in features):
+        return shapefile.plan_of(path, features, "", strict=strict, source="geojson_plan")
+    _check_vocabulary(features, path)
     units = named or (DEGREES if is_degrees(features) else "metres")
     geo: GeoFrame | None = None
     if units == DEGREES:
@@ -149,14 +157,46 @@ def _same_frame(documents: list[_Document], path: Path) -> _Document:
 
 
 def _document(content: bytes, path: Path) -> _Document:
-    """The collection; one feature without a collection, or a geometry alone, is refused."""
-    if len(content.split(b"\n{", 2)) > 1 and content.lstrip().startswith(b"{") and b'"features"' not in content:
-        raise MapError(f"{path}: a feature on each line; gather them in one FeatureCollection")
+    """The collection, also of a feature on each line, or of a table; one feature or a geometry alone is refused."""
+    if not _begins_json(content):
+        return _of_rows(content.decode(errors="replace"), path)
+    if len(content.split(b"\n{", 2)) > 1 and b'"features"' not in content:
+        content = b'{"features": [' + content.strip().replace(b"\n{", b",{") + b"]}"
     if b'"features"' not in content:
         kind = files.decoded(content, _Typed, path).type
         raise MapError(f"{path}: a {kind or 'JSON object'} alone; put it into the features of a FeatureCollection")
     found: _Document = files.decoded(content, _Document, path)
     return found
+
+
+def _begins_json(content: bytes) -> bool:
+    return content.lstrip().startswith(b"{")
+
+
+def _of_rows(text: str, path: Path) -> _Document:
+    """Rows with a geometry in WKT, as QGIS and PostGIS write them; without a header, such a text on each line."""
+    lines = text.splitlines() or [""]
+    marks = Counter(mark for mark in ",;\t|" for _ in range(lines[0].count(mark)))
+    has_header = not _WKT.match(lines[0].encode())
+    mark = marks.most_common(1)[0][0] if marks and has_header else "\0"
+    try:
+        rows = list(csv.DictReader(lines, None if has_header else ["wkt"], delimiter=mark))
+    except csv.Error as error:
+        raise MapError(f"{path}: no table that can be read ({error}); export it as GeoJSON") from error
+    features, frame = [], ""
+    for number, row in enumerate(rows, 1):
+        given = {key: value for key, value in row.items() if key and isinstance(value, str) and value.strip()}
+        key = next((key for key, value in given.items() if _WKT.fullmatch(value.encode())), "")
+        srid, _, wkt = given.pop(key, "").rpartition(";")
+        shape = shapely.from_wkt(wkt, on_invalid="ignore") if wkt else None
+        if wkt and (shape is None or not np.isfinite(shapely.get_coordinates(shape)).all()):
+            raise MapError(f"{path}: row {number}: {wkt[:60]!r} is no geometry in WKT; export the table again")
+        geometry = None if shape is None else msgspec.json.decode(shapely.to_geojson(shape))
+        numbers = {name: float(value) for name, value in given.items() if _NUMBER.fullmatch(value)}
+        features.append({"geometry": geometry, "properties": {**given, **numbers}})
+        frame = frame or srid
+    crs = {"properties": {"name": frame.replace("SRID=", "EPSG:")}}
+    return msgspec.convert({"features": features, "crs": crs}, _Document)
 
 
 class _Typed(msgspec.Struct):
@@ -243,9 +283,11 @@ def sniff(head: Head) -> bool:
     if head.container is not None:
         names = _collections(head.container)
         return bool(names) and all(b'"FeatureCollection"' in head.peek(name) for name in names)
-    content = head.content.lstrip()
+    content = head.content.replace(_RECORD_MARK, b"").lstrip()
+    if not _begins_json(content):
+        return any(_WKT.search(line) for line in content.split(b"\n", 2)[:2])
     has_type = any(b'"' + name + b'"' in content for name in (b"FeatureCollection", b"Feature", *_GEOMETRIES))
-    return content.startswith(b"{") and has_type and (b'"features"' in content or b'"coordinates"' in content)
+    return has_type and (b'"features"' in content or b'"coordinates"' in content)
 
 
 _GEOMETRIES: Final = (b"Polygon", b"MultiPolygon", b"LineString", b"MultiLineString", b"GeometryCollection")

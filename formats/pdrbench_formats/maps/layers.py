@@ -60,9 +60,11 @@ def in_metres(drawn: Drawn, unit: Unit, stated: float | None, builder: BuildingB
     return {name: [shapely.transform(shape, lambda xy: xy * scale) for shape in part] for name, part in drawn.items()}
 
 
-def add_levels(builder: BuildingBuilder, levels: Sequence[tuple[int, Drawn]], path: Path) -> None:
+def add_levels(
+    builder: BuildingBuilder, levels: Sequence[tuple[int, Drawn]], path: Path, *, moves: bool = True
+) -> None:
     """Adds what is drawn on each level, in metres, moved so that (0, 0) is the lower left corner of all."""
-    low = np.min([shape.bounds[:2] for _, drawn in levels for part in drawn.values() for shape in part], axis=0)
+    low = np.min([shape.bounds[:2] for _, drawn in levels for part in drawn.values() for shape in part], axis=0) * moves
     outlines: list[Outline] = []
     for level, drawn in levels:
         outlines += _add_level(builder, path, level, drawn, low)

@@ -79,6 +79,11 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         features = list(_features(_elements(content, path), path))
     else:
         features = read_features(container, path.name, builder.note_geometry)
+    return plan_of(path, features, builder)
+
+
+def plan_of(path: Path, features: Sequence[Feature], builder: BuildingBuilder) -> Plan:
+    """The plan of features with tags of OpenStreetMap, in degrees."""
     features = _with_door_levels([replace(feature, tags=_texts(feature.tags)) for feature in features])
     if not any(one.tags.get("level") for one in features) and any(one.tags.get("indoor") for one in features):
         features = [replace(one, tags={**one.tags, "level": "0"}) for one in features]

@@ -23,7 +23,7 @@ from pdrbench.errors import MapError
 from pdrbench.io.container import Container
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import WORDS, Feature, frame_of, is_degrees, level_number, to_metres
+from pdrbench_formats.maps.features import WORDS, Feature, check_degrees, frame_of, is_degrees, level_number, to_metres
 from pdrbench_formats.maps.files import member, name_of, opened
 from pdrbench_formats.maps.layers import LAYERS, Drawn, add_levels, in_metres, kind_of
 from pdrbench_formats.maps.plan import Plan
@@ -63,7 +63,10 @@ def plan_of(path: Path, features: Sequence[Feature], projection: str, *, strict:
     builder, skipped = BuildingBuilder(name_of(path), strict=strict), Counter[str]()
     levels: dict[int, Drawn] = defaultdict(lambda: {name: [] for name in LAYERS})
     names_degrees = projection.lstrip().startswith("GEOGCS")
-    geo = frame_of(features) if features and (names_degrees or (not projection and is_degrees(features))) else None
+    geo = None
+    if features and (names_degrees or (not projection and is_degrees(features))):
+        check_degrees(features, path)
+        geo = frame_of(features)
     for feature in features:
         layer, level = layer_of(feature), _level_of(feature)
         shape = feature.shape if geo is None else to_metres(feature.shape, geo)
@@ -84,7 +87,7 @@ def plan_of(path: Path, features: Sequence[Feature], projection: str, *, strict:
     for level in sorted(levels):
         builder.add_level(level)
         drawn.append((level, in_metres(levels[level], "m" if geo is not None else "", stated, builder, level)))
-    add_levels(builder, drawn, path)
+    add_levels(builder, drawn, path, moves=geo is None)
     return finished(builder, source, geo, skipped)
 
 

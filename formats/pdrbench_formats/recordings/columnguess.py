@@ -13,7 +13,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.sensors.checks import MAX_RATE_RADPS, MIN_ROWS, lengths
 from pdrbench_formats.recordings import columnnames as words
 from pdrbench_formats.recordings.axes import turns_by_revolutions, turns_gravity, turns_in_degrees
-from pdrbench_formats.recordings.columnmap import SECONDS_IN, TIME_UNITS, UNITS, ColumnMap, clock
+from pdrbench_formats.recordings.columnmap import SECONDS_IN, TIME_UNITS, UNITS, ColumnMap, clock, is_compact, scale_of
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
 _PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
@@ -24,6 +24,13 @@ _STEPS_S: Final = (1e-3, 0.5)  # between rows: 1000 to 2 Hz, less than the thous
 _SAMPLED_S: Final = (1e-3, 0.05)  # of inertial sensors: 1000 to 20 Hz
 _FORCE_UNITS: Final = ("m/s^2", "g", "mg")  # that need no word
 _MIN_FIELD_UT: Final = 5.0  # less is no field of the Earth, in whatever is taken for the unit
+_COUNTS_IN_G: Final = (64.0, 16_384.0)  # of converters of 8 to 16 bits
+_SIGN_BIT: Final = 32_768.0
+_DPS_FOR_G: Final = 125.0  # of ranges as they are paired: 2 g and 250 degrees/s, 16 g and 2000
+_TICKS_S: Final = (1e-7, 1e-4, 1e-2, 1 / 32_768)  # of clocks that count neither of the usual units
+_PACE_S: Final = (0.35, 1.5)  # from step to step or stride to stride
+_ANY_PACE_S: Final = (0.2, 3.0)  # beyond, nobody walks
+_MIN_ALIKE: Final = 0.3  # correlation of one step and the next
 _RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
 
 
@@ -94,7 +101,8 @@ def guess(
     if time is not None:
         found["time"] = time
         stated = words.unit_of("time_unit", named[time][1]) or words.unit_of("time_unit", words.unit_in(named[time][0]))
-        found["time_unit"] = stated if stated and _is_numeric(table, time) else time_unit_of(table, time)
+        is_stated = stated and _is_numeric(table, time)
+        found["time_unit"] = stated if is_stated else _paced(table, found, time_unit_of(table, time))
         assumed += [] if stated else ["time_unit"]
     if "gyro" not in found and len(turning := [one for one in unknown if _turns(table, {**found, "gyro": one})]) == 1:
         found["gyro"] = turning[0]
@@ -105,7 +113,10 @@ def guess(
             if named[name][1] == "rps" and _turns(table, found, turns_by_revolutions):
                 unit = "rev/s"
             found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
-    if "mag_unit" in assumed and _length_of(table, found["mag"]) * UNITS["mag_unit"][found["mag_unit"]] < _MIN_FIELD_UT:
+    if (
+        "mag_unit" in assumed
+        and _length_of(table, found["mag"]) * scale_of("mag_unit", found["mag_unit"]) < _MIN_FIELD_UT
+    ):
         assumed.remove("mag_unit")
         del found["mag"], found["mag_unit"]  # of no unit: listed among the columns that are not read
     return ColumnMap(**found), assumed
@@ -124,7 +135,7 @@ def doubted_unit(table: DelimitedTable, columns: ColumnMap) -> str:
     if columns.time_unit == "datetime" or not columns.time:
         return ""
     step = usual_step(table, columns.time)
-    is_likely = _RARE_S[0] <= step * TIME_UNITS[columns.time_unit] < _RARE_S[1]
+    is_likely = _RARE_S[0] <= step * scale_of("time_unit", columns.time_unit) < _RARE_S[1]
     fitting = [unit for unit, s in SECONDS_IN.items() if _SAMPLED_S[0] <= step * s <= _SAMPLED_S[1]]
     return fitting[0] if fitting and not is_likely else ""
 
@@ -137,22 +148,23 @@ def usual_step(table: DelimitedTable, name: str) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-def guess_by_place(table: DelimitedTable, rate_hz: float | None = None) -> ColumnMap | None:
-    """What columns without names may be: a time that grows, then vectors, the first with gravity being the force."""
+def guess_by_place(table: DelimitedTable, rate_hz: float | None = None, **layout: Any) -> ColumnMap | None:
+    """What columns of no known name may be: a time that grows, then vectors, the first with gravity being the force."""
     names = list(table.columns)
     times = _growing(table, names)[:1]
     names = names[names.index(times[0]) + 1 if times else 0 :]
-    changing = [name for name in names if len(values := _seen(table, [name])) and np.ptp(values)]
+    changing = [name for name in names if len(values := _seen(table, [name])) and np.ptp(np.diff(values[:, 0]))]
     vectors = [tuple(changing[k : k + 3]) for k in range(0, len(changing) - 2, 3)]
     force = next((vector for vector in vectors if _is_force(table, vector)), None)
     if force is None:
         return None
-    found: dict[str, Any] = {"accel": force, "header_line": 0}
+    found: dict[str, Any] = {"accel": force, **layout}
     found |= {"time": times[0], "time_unit": time_unit_of(table, times[0])} if times else {"rate_hz": rate_hz}
     assumed: list[str] = []
     found["accel_unit"] = _unit_by_size(table, "accel", found, assumed)
     if others := [vector for vector in vectors if vector != force]:
-        found["gyro"] = next((vector for vector in others if _turns(table, {**found, "gyro": vector})), others[0])
+        least = min(others, key=lambda vector: _steadiness(table, vector))  # a walk turns as often back
+        found["gyro"] = next((vector for vector in others if _turns(table, {**found, "gyro": vector})), least)
         found["gyro_unit"] = _unit_by_size(table, "gyro", found, assumed)
     return ColumnMap(**found)
 
@@ -176,6 +188,12 @@ def _seen(table: DelimitedTable, names: Sequence[str]) -> FloatArray:
     except RecordingError:  # a text in it, which reading the column refuses with the line
         return np.zeros((0, len(names)))
     return finite(values)
+
+
+def _steadiness(table: DelimitedTable, names: Sequence[str]) -> float:
+    """The length of the mean of a vector in its root mean square."""
+    values = _seen(table, names)
+    return float(lengths(values.mean(axis=0, keepdims=True))[0] / max(np.sqrt((values**2).sum(axis=1).mean()), 1e-12))
 
 
 def has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
@@ -265,6 +283,8 @@ def time_unit_of(table: DelimitedTable, name: str) -> str:
     """The unit of a time in which its rows come at the rate of a sensor, or it counts from 1970; or "datetime"."""
     if not _is_numeric(table, name):
         return "datetime"
+    if is_compact(table, name):
+        return "datetime"
     step, t = usual_step(table, name), table.numbers(name)
     fitting = [unit for unit, s in TIME_UNITS.items() if _STEPS_S[0] <= step * s <= _STEPS_S[1]]
     if step == 1.0 and not (np.diff(t) != 1.0).any():
@@ -275,7 +295,28 @@ def time_unit_of(table: DelimitedTable, name: str) -> str:
     return next((unit for unit, s in SECONDS_IN.items() if 6e8 < first * s < 6e9), "s")
 
 
-def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], assumed: list[str]) -> str:
+def _paced(table: DelimitedTable, found: Mapping[str, Any], unit: str) -> Any:
+    """A unit of time; another where the steps of a walk would be too fast or too slow in it for anybody."""
+    step = usual_step(table, found["time"]) if unit != "datetime" and "accel" in found else 0.0
+    size = lengths(_seen(table, found["accel"])) if step else np.zeros(0)
+    if len(size) < MIN_ROWS:
+        return unit
+    alike = np.fft.irfft(np.abs(np.fft.rfft(size - size.mean(), 2 * len(size))) ** 2)[: len(size) // 2]
+    first = int((alike < 0.0).argmax())
+    rows = first + int(alike[first:].argmax())  # to the most similar row, a step or a stride later
+    if (
+        not first
+        or alike[rows] < _MIN_ALIKE * alike[0]
+        or _ANY_PACE_S[0] < rows * step * TIME_UNITS[unit] < _ANY_PACE_S[1]
+    ):
+        return unit
+    steps_s: dict[Any, float] = {one: step * s for one, s in (*SECONDS_IN.items(), *((s, s) for s in _TICKS_S))}
+    of_pace = [one for one, s in steps_s.items() if _PACE_S[0] < rows * s < _PACE_S[1]]
+    fitting = [one for one in of_pace if _SAMPLED_S[0] <= steps_s[one] <= _SAMPLED_S[1]]
+    return fitting[0] if len(fitting) == 1 else unit
+
+
+def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], assumed: list[str]) -> str | float:
     assumed.append(f"{sensor}_unit")
     names = [found[sensor]] if sensor == "baro" else list(found[sensor])
     if sensor == "accel" and "gravity" in found:
@@ -287,15 +328,37 @@ def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], 
     usual = float(np.median(size))
     factors = UNITS[f"{sensor}_unit"]
     if sensor == "accel":
-        is_g = has_gravity(table, names)  # without it, shaking alone may measure 1 m/s^2
-        return "g" if is_g and 0.8 < usual < 1.25 else "mg" if is_g and 800 < usual < 1250 else "m/s^2"
+        if not has_gravity(table, names):  # shaking alone may measure 1 m/s^2
+            return "m/s^2"
+        in_g = (unit for unit in _FORCE_UNITS[1:] if 0.8 < usual * factors[unit] / factors["g"] < 1.25)
+        return next(in_g, "") or _of_converter(values, usual) or "m/s^2"
     if sensor == "gyro":
-        is_fast = float(np.quantile(size, 0.99)) > MAX_RATE_RADPS  # than any gyroscope, or than gravity turns
+        fast, force_unit = float(np.quantile(size, 0.99)), found.get("accel_unit")
+        is_counts = is_whole(values)
+        if isinstance(force_unit, float) and is_counts:  # of the range that is usual beside it, to be checked
+            return float(f"{force_unit / UNITS['accel_unit']['g'] * _DPS_FOR_G * factors['deg/s']:.6g}")
+        if fast * factors["deg/s"] > MAX_RATE_RADPS and not is_counts:
+            return factors["mdeg/s"]
+        is_fast = fast > MAX_RATE_RADPS  # than any gyroscope, or than gravity turns
         return "deg/s" if is_fast or _turns(table, found, turns_in_degrees) else "rad/s"
     low, high = (500.0, 1100.0) if sensor == "baro" else (20.0, 75.0)
     # 200 to 750 is as likely an uncalibrated part in uT as one in mG
     fitting = [unit for unit, factor in factors.items() if low <= usual * factor <= high and unit != "mG"]
     return fitting[0] if fitting else next(iter(factors))
+
+
+def is_whole(values: FloatArray) -> bool:
+    """Whether all are whole numbers, as counts of a converter are."""
+    return bool((values == np.round(values)).all())
+
+
+def _of_converter(values: FloatArray, usual: float) -> str | float:
+    """What one count of a converter is in m/s^2, if 1 g is a power of two of them; "" where it is not."""
+    in_g = 2.0 ** np.round(np.log2(max(usual, 1.0)))
+    is_signed = values.min() < 0.0 or values.max() < _SIGN_BIT
+    if 0.9 < usual / in_g < 1.1 and _COUNTS_IN_G[0] <= in_g <= _COUNTS_IN_G[1] and is_signed and is_whole(values):
+        return float(f"{UNITS['accel_unit']['g'] / in_g:.6g}")
+    return "mm/s^2" if 0.9 < usual * 1e-3 / UNITS["accel_unit"]["g"] < 1.1 else ""
 
 
 def _turns(

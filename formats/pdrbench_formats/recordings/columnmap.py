@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -28,9 +29,9 @@ from pdrbench_formats.toml import explained, read_toml, toml_value
 
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "accel_unit": {"m/s^2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3}
-    | {"cm/s^2": 0.01, "ft/s^2": 0.3048},
+    | {"mm/s^2": 0.001, "cm/s^2": 0.01, "ft/s^2": 0.3048},
     "gyro_unit": {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdeg/s": np.pi / 180.0e3, "mrad/s": 1e-3}
-    | {"rpm": np.pi / 30.0, "rev/s": 2.0 * np.pi},
+    | {"rpm": np.pi / 30.0, "rev/s": 2.0 * np.pi, "deg/h": np.pi / 648e3},
     "mag_unit": {"uT": 1.0, "mT": 1e3, "T": 1e6, "nT": 1e-3, "G": 100.0, "mG": 0.1},
     "baro_unit": {"hPa": 1.0, "Pa": 0.01, "kPa": 10.0, "mbar": 1.0, "bar": 1e3, "inHg": 33.863886},
 }
@@ -40,9 +41,13 @@ _TIME_OF_DAY: Final = r"\d{1,2}:\d{1,3}:\d{1,2}(?:[.,]\d+)?"
 _MINUTES: Final = r"(\d{1,3}:\d{2}(?:[.,]\d+)?)"  # and seconds, as of a stop watch
 _CLOCK_COLON: Final = r"(\d:\d{1,2}:\d{1,2})[:,](\d+)"  # 13:45:12:123
 _FEW_MS: Final = r"(:\d{1,2}):(\d{1,2})$"  # 8:18:9:94 among 8:18:9:104 are milliseconds
+_COMPACT: Final = r"^(20\d\d)([01]\d)([0-3]\d)([0-2]\d)([0-5]\d)([0-5]\d)\.?(\d*)$"  # 20231114221320123
+_COMPACT_TIME: Final = r"^([012]?\d)([0-5]\d)([0-5]\d(?:\.\d+)?)$"  # 221320.12
+_FIRST_COMPACT: Final = 2e13  # of the year 2000
 _DAY_FIRST: Final = r"\d{1,2}\.\d{1,2}\.\d{4}"
 SECONDS_IN: Final = {unit: ns * 1e-9 for unit, ns in {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}.items()}
-TIME_UNITS: Final = {**SECONDS_IN, "min": 60.0, "d": 86_400.0}
+TIME_UNITS: Final = {**SECONDS_IN, "100ns": 1e-7, "min": 60.0, "d": 86_400.0}
+Scale = Annotated[float, msgspec.Meta(gt=0.0)]  # what one count is, of a clock or a converter: s, m/s^2, rad/s, uT
 _MAX_MISSED: Final = 20  # rows between which a counter may begin anew
 FIRST_DAY: Final = 25_569.0  # of 1970, in the days of spreadsheets
 _FIRST_DAYS: Final = (719_529.0, FIRST_DAY)  # of MATLAB before
@@ -52,7 +57,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """The `[columns]` table.
 
     Attributes:
-        time, time_unit: Column of the time; "datetime" where it holds dates.
+        time, time_unit: Column of the time; "datetime" where it holds dates; a number says what one count is.
         rate_hz: Rows a second, where no column is a time. Of a map that names no sensor, the rest is guessed.
         accel, accel_unit: Columns x, y, z of the specific force; a minus before a name turns it round.
         gravity: Columns that are added to `accel` where that lacks gravity; in the same unit.
@@ -70,15 +75,15 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """
 
     time: str = ""
-    time_unit: Literal["s", "ms", "us", "ns", "min", "d", "datetime"] = "s"
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "100ns", "min", "d", "datetime"] | Scale = "s"
+    rate_hz: Scale | None = None
     accel: tuple[str, str, str] | None = None
-    accel_unit: Literal["m/s^2", "g", "mg", "cm/s^2", "ft/s^2"] = "m/s^2"
+    accel_unit: Literal["m/s^2", "g", "mg", "mm/s^2", "cm/s^2", "ft/s^2"] | Scale = "m/s^2"
     gravity: tuple[str, str, str] | None = None
     gyro: tuple[str, str, str] | None = None
-    gyro_unit: Literal["rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "rev/s"] = "rad/s"
+    gyro_unit: Literal["rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "rev/s", "deg/h"] | Scale = "rad/s"
     mag: tuple[str, str, str] | None = None
-    mag_unit: Literal["uT", "mT", "T", "nT", "G", "mG"] = "uT"
+    mag_unit: Literal["uT", "mT", "T", "nT", "G", "mG"] | Scale = "uT"
     rotation: tuple[str, str, str, str] | None = None
     rotation_turns: Literal["device to building", "building to device"] = "device to building"
     baro: str | None = None
@@ -166,7 +171,7 @@ def streams_of(table: DelimitedTable, columns: ColumnMap, t_s: FloatArray, tally
     for name in ("accel", "gyro", "mag"):
         axes = getattr(columns, name)
         if axes is not None:
-            factor = UNITS[f"{name}_unit"][getattr(columns, f"{name}_unit")]
+            factor = scale_of(f"{name}_unit", getattr(columns, f"{name}_unit"))
             xyz = np.column_stack([_signed(table, axis) for axis in axes])
             if name == "accel" and columns.gravity is not None:
                 xyz = xyz + np.column_stack([_signed(table, axis) for axis in columns.gravity])
@@ -188,6 +193,11 @@ def streams_of(table: DelimitedTable, columns: ColumnMap, t_s: FloatArray, tally
     return streams
 
 
+def scale_of(key: str, unit: str | float) -> float:
+    """What a unit that stands under a key of a column map is, in the unit of the streams."""
+    return unit if isinstance(unit, (int, float)) else (TIME_UNITS if key == "time_unit" else UNITS[key])[unit]
+
+
 def times_of(table: DelimitedTable, columns: ColumnMap) -> tuple[FloatArray, float]:
     """As `clock`, of the column that a map names, or of the rate that it states."""
     if columns.rate_hz is not None and not columns.time:
@@ -195,21 +205,21 @@ def times_of(table: DelimitedTable, columns: ColumnMap) -> tuple[FloatArray, flo
     return clock(table, columns.time, columns.time_unit)
 
 
-def clock(table: DelimitedTable, name: str, unit: str) -> tuple[FloatArray, float]:
+def clock(table: DelimitedTable, name: str, unit: str | float) -> tuple[FloatArray, float]:
     """(N,) seconds since the first row, and the time of that row on the clock of the column."""
     if unit == "datetime":
         ns, is_date = _stamps_ns(table, name)
         first_ns = int(ns[is_date.argmax()])
         return np.where(is_date, seconds(ns, first_ns), np.nan), first_ns * 1e-9
-    whole = table.whole(name)
+    whole, scale_s = table.whole(name), scale_of("time_unit", unit)
     if whole is not None and len(whole):
         whole = _counted_on(whole)
-        return (whole - whole[0]).astype(np.float64) * TIME_UNITS[unit], float(whole[0]) * TIME_UNITS[unit]
+        return (whole - whole[0]).astype(np.float64) * scale_s, float(whole[0]) * scale_s
     numbers = table.numbers(name)
     finite = numbers[np.isfinite(numbers)]
     first = float(finite[0]) if len(finite) else 0.0
     since = next((day for day in _FIRST_DAYS if unit == "d" and first > day), 0.0)
-    return (numbers - first) * TIME_UNITS[unit], (first - since) * TIME_UNITS[unit]
+    return (numbers - first) * scale_s, (first - since) * scale_s
 
 
 def _counted_on(whole: IntArray) -> IntArray:
@@ -224,6 +234,17 @@ def _counted_on(whole: IntArray) -> IntArray:
     return whole
 
 
+def is_compact(table: DelimitedTable, name: str) -> bool:
+    """Whether numbers are dates written without signs, or times of day, by how they step where a minute begins."""
+    t = table.numbers(name)
+    t = t[np.isfinite(t)]
+    if len(t) and t.min() > _FIRST_COMPACT:
+        return all(map(re.compile(_COMPACT).match, table.texts(name)))
+    before, after = t[:-1], t[1:]
+    jumps = (before % 100.0 > 58.0) & (after % 100.0 < 2.0) & (np.abs((after - before) % 4000.0 - 41.0) < 2.0)
+    return bool(jumps.any() and t.max() < 240_000.0 and (t % 100.0 < 60.0).all() and (t // 100.0 % 100.0 < 60.0).all())
+
+
 def unix_s(first_s: float) -> float | None:
     """A time where it counts from 1970: one from 2005 to 2160; Apple's count from 2001 is before."""
     return first_s if 1.1e9 < first_s < 6e9 else None
@@ -234,6 +255,8 @@ def _stamps_ns(table: DelimitedTable, name: str) -> tuple[IntArray, BoolArray]:
     import pandas as pd
 
     texts = pd.Series(table.texts(name), dtype=object)
+    texts = texts.str.replace(_COMPACT, r"\1-\2-\3 \4:\5:\6.\7", regex=True)
+    texts = texts.str.replace(_COMPACT_TIME, r"0\1:\2:\3", regex=True)
     if texts.str.fullmatch(r".*\d:\d+:\d+:\d{3}").any():
         texts = texts.str.replace(_FEW_MS, lambda match: f"{match[1]}:{match[2]:0>3}", regex=True)
     texts = texts.str.replace(_CLOCK_COLON, r"\1.\2", regex=True)

@@ -10,7 +10,7 @@ from pdrbench_formats.recordings.texts import WORDS
 
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
 _INDEX: Final = re.compile(r"[(\[]\s*(\d+|[wxyzWXYZ])\s*[)\]]")  # the axis, as of `accel[0]` and `Accelerometers[X]`
-_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[XYZ])(?=[A-Z][a-z])")
 _SECONDS: Final = ("s", "sec", "secs", "second", "seconds", "sekunden")
 _UNIT_NAMES: Final[Mapping[str, Mapping[str, Sequence[str]]]] = {
     **WORDS["units"],
@@ -178,6 +178,7 @@ def _axes_of(base: str) -> list[tuple[str, str]]:
 
 def _by_number(named: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
     """The names and units whose names end in 0, 1, 2 or in 1, 2, 3, with the axes x, y, z in their place."""
+    every = {base for base, _ in named.values()}
     bases = [base for base, _ in named.values() if len(base) > 1]
     ends = {base[:-1]: "".join(sorted(one[-1] for one in bases if one[:-1] == base[:-1])) for base in bases}
     # digits behind axes number devices
@@ -187,6 +188,8 @@ def _by_number(named: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str
         if digits in ("012", "123") and not {f"{stem[:-1]}{axis}" for axis in "xyz"} <= ends.keys()
     ]
     axes = {f"{stem}{digits[k]}": f"{stem}{'xyz'[k]}" for stem, digits in numbered for k in range(3)}
+    for rates in WORDS["columns"]["rates"]:
+        axes |= {base: f"gyro{axis}" for base, axis in zip(rates, "xyz", strict=True) if {*rates} <= every}
     for base in bases:
         for word, axis in _W3C.items():
             stem = base.removesuffix(word)

@@ -85,12 +85,21 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
     if parts:
         return join_tables(path, parts, tally, strict=strict)
     if found is None:
+        likely = guess_by_place(table, known.rate_hz)
+        rate = "" if known.rate_hz else _stated_rate(path, content, table)
+        lines = _indented(likely, rate) if likely is not None else f"    [columns]\n    {_EXAMPLE}"
         raise RecordingError(
             f"{path}: line 1: no time and sensor recognised among the columns {', '.join(table.columns)[:300]}; "
-            f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
+            f"name them in a TOML file and pass it as column map, {'by the numbers' if likely else 'such as'}:\n{lines}"
         )
     _check_time(path, table, found, assumed, _stated_rate(path, content, table))
     _check_devices(path, table, found, assumed)
+    if isinstance(found.gyro_unit, float) and "gyro_unit" in assumed:
+        raise RecordingError(
+            f"{path}: the rates are counts of a converter, whose range nothing states, or finer than degrees/s; pass "
+            f"this column map once gyro_unit is right, one count in rad/s (0.000133 of 16 bits and 250 degrees/s, "
+            f"0.00107 of 2000):\n{_indented(found)}"
+        )
     note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
@@ -106,7 +115,7 @@ def _headed_table(content: bytes, path: Path, known: ColumnMap) -> tuple[Delimit
             return named_by_place(table, sensor), sensor
         if by_kind(table):
             return table, ""
-        found = guess_by_place(table, known.rate_hz)
+        found = guess_by_place(table, known.rate_hz, header_line=0)
         if found is None:
             raise
         rate = "" if known.rate_hz else _stated_rate(path, content, table)
@@ -172,7 +181,7 @@ def _side_by_side(table: DelimitedTable) -> list[SensorTable]:
     names, bounds = list(table.columns), []
     for place, (base, unit) in enumerate(split_names(names, table.units).values()):
         is_time = "time" in base or base in TIME_NAMES or (base[:1] == "t" and sensor_in(base[1:]) in COLUMNS_OF)
-        if is_time or unit_of("time_unit", unit):
+        if (is_time or unit_of("time_unit", unit)) and len(set(table.columns[names[place]][:_MAX_SEEN].tolist())) > 1:
             bounds.append(place)
     spans = [span for span in itertools.pairwise([*bounds, len(names)]) if span[1] - span[0] in _WIDTH]
     parts, clocks = [], []

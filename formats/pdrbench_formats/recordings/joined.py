@@ -18,7 +18,7 @@ from pdrbench.sensors.checks import SAMPLED
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down, note_guesses, with_gravity
 from pdrbench_formats.recordings.axes import turns_in_degrees
 from pdrbench_formats.recordings.columnguess import guess, has_gravity, named_by_place
-from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, streams_of, unix_s
+from pdrbench_formats.recordings.columnmap import SECONDS_IN, UNITS, ColumnMap, clock, scale_of, streams_of, unix_s
 from pdrbench_formats.recordings.columnnames import sensor_in
 from pdrbench_formats.recordings.delimited import DelimitedTable
 
@@ -118,7 +118,7 @@ def join_tables(
     is_whole = "accel" in streams and not sources["accel"].lacks_gravity
     if (gravity := streams.pop("gravity", None)) is not None and "accel" in streams and not is_whole:
         if "accel_unit" in sources["accel"].assumed:
-            streams["accel"][:, 1:] *= UNITS["accel_unit"][sources["gravity"].columns.accel_unit]
+            streams["accel"][:, 1:] *= scale_of("accel_unit", sources["gravity"].columns.accel_unit)
         streams["accel"], is_whole = with_gravity(streams["accel"], gravity), True
         tally.mended["gravity added"] += len(streams["accel"])
     elif gravity is not None:

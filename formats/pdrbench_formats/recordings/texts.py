@@ -29,6 +29,9 @@ _MAX_DEPTH: Final = 4  # of a list of rows in a document
 _ROWS_BEGIN: Final = re.compile(rb"\[\s*\{")
 _STAMP: Final = re.compile(rb"^(\d\d:\d\d:\d\d[.,]\d+) -> (?=(.*))", re.M)  # of the serial monitor of Arduino
 _MINUS: Final = "\N{MINUS SIGN}".encode()  # of typeset numbers, where others write a hyphen
+_CHECKSUM: Final = re.compile(rb"\*[0-9A-F]{2}(?=\r?$)", re.M)  # of NMEA 0183
+_VECTOR: Final = re.compile(rb'"?[\[(]\s*(-?[\d.][-+\d.e]*(?:[,;\s]+-?[\d.][-+\d.e]*){2,3})\s*[\])]"?', re.I)
+_PARTS: Final = re.compile(rb"[^,;\s]+")
 _LAST_MARK: Final = re.compile(rb";(?=\r?\n)")
 _BETWEEN_OBJECTS: Final = re.compile(rb"\}\s*,\s*\{")
 _BETWEEN_FIELDS: Final = re.compile(rb"[,;\t|]\s*|\s+(?=[A-Za-z_\x80-\xff][^\s:=]*[:=])")
@@ -49,7 +52,9 @@ def text_of(content: bytes, path: Path) -> Text:
     content = content[: len(content) - num_zero]  # of a logger whose power was cut
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
-    content = content.replace(_MINUS, b"-")
+    content = _without_brackets(content.replace(_MINUS, b"-"))
+    if content.startswith(b"$"):
+        content = _CHECKSUM.sub(b"", content)
     begin = content[:_BEGIN_BYTES]
     encoding = ENCODINGS[0] if begin.isascii() else max(ENCODINGS, key=lambda one: _num_known(begin, one))
     num_lines = begin.count(b"\n")
@@ -61,6 +66,22 @@ def text_of(content: bytes, path: Path) -> Text:
     text = clean_text(table, path, encoding=encoding)
     mended = {**text.mended, **({"zero bytes at the end": num_zero} if num_zero else {})}
     return replace(text, added_lines=int(table is not content), mended=mended)
+
+
+def _without_brackets(content: bytes) -> bytes:
+    """Rows with whole vectors in their fields, as `[0.1, 0.2, 9.8]` or `(0.1 0.2 9.8)`, with a field for each axis."""
+    header, _, rows = content.partition(b"\n")
+    if content[:1] in (b"{", b"[") or not _VECTOR.search(first := rows.partition(b"\n")[0]):
+        return content
+    mark = next((one for one in (b"\t", b";", b",") if one in header), b",")
+    fields = _VECTOR.sub(lambda match: b"\0" * len(_PARTS.findall(match[1])), first).split(mark)
+    of_fields = zip(header.strip().split(mark), fields, strict=False)
+    names = [
+        name + axis
+        for name, field in of_fields
+        for axis in (b".x", b".y", b".z", b".w")[: field.count(b"\0")] or (b"",)
+    ]
+    return mark.join(names) + b"\n" + _VECTOR.sub(lambda match: mark.join(_PARTS.findall(match[1])), rows)
 
 
 def _num_known(begin: bytes, encoding: str) -> int:
