@@ -1,10 +1,9 @@
-"""Displacements of several networks as one, and between seconds."""
+"""Displacements of a network second by second, and between seconds."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -19,25 +18,22 @@ from pdrbench.trajectory import Start
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.reckoning import FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer, mean_move
+from pdrbench_baselines.learned.reckoning import FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.signals import HORIZON
 
 
-def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool = False, doubt: float = 0.0) -> Move:
-    return Move(end_s, np.array([x_m, 0.0]), variance_m2 * np.eye(2), stands, False, doubt)
-
-
 class Says:
-    """A network that says one displacement, ahead, of every window."""
+    """A network that says displacements, ahead, one after the other, and then the last one of every window."""
 
     carried = PHONE
+    own_attitude = False
 
-    def __init__(self, x_m: float, *, own_attitude: bool = False, stands: bool = False) -> None:
-        self.own_attitude = own_attitude
-        self._answer = WindowAnswer(np.array([x_m, 0.0]), x_m, 0.2 * np.eye(2), 9.0 if stands else -9.0, None, math.nan)
+    def __init__(self, *x_m: float) -> None:
+        self._x_m = list(x_m)
 
-    def ask(self, features: FloatArray, height_m: float, memory: int | None) -> tuple[WindowAnswer, int]:
-        return self._answer, (memory or 0) + 1
+    def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
+        x_m = self._x_m.pop(0) if len(self._x_m) > 1 else self._x_m[0]
+        return WindowAnswer(np.array([x_m, 0.0]), 0.2 * np.eye(2), -9.0), None
 
 
 def level_rows(seconds: float, shaking_mps2: float = 2.0) -> dict[str, FloatArray]:
@@ -51,18 +47,9 @@ def level_rows(seconds: float, shaking_mps2: float = 2.0) -> dict[str, FloatArra
 
 def continued(*x_m: float, length_factor: float = 1.0) -> ContinuedReckoner:
     """After its first second."""
-    first, *others = (Says(one) for one in x_m)
-    reckoner = ContinuedReckoner(first, briefing(), others, length_factor=length_factor)
+    reckoner = ContinuedReckoner(Says(*x_m), briefing(), length_factor=length_factor)
     assert len(list(reckoner.update(level_rows(1.5)))) == 1
     return reckoner
-
-
-def test_companions_are_averaged_with_the_first_network() -> None:
-    moves = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.3), Says(0.7)]).update(level_rows(3.5)))
-    assert [move.end_s for move in moves] == [1.0, 2.0, 3.0]
-    np.testing.assert_allclose([move.move_m for move in moves], [[1.0, 0.0]] * 3)
-    np.testing.assert_allclose(moves[0].covariance_m2, np.diag([0.04 + 2 * 0.3**2 / 3, 0.04]))
-    assert not any(move.stands or move.is_guess for move in moves)
 
 
 @pytest.mark.parametrize("shaking_mps2", [0.2, 2.0])
@@ -71,32 +58,9 @@ def test_a_phone_that_hardly_shakes_is_at_rest_whatever_a_network_says(shaking_m
     assert [(move.stands, move.move_m[0]) for move in moves] == [(shaking_mps2 < 1.0, shaking_mps2 > 1.0)] * 3
 
 
-@pytest.mark.parametrize(("doubt", "trust", "x_m"), [(0, 1, 0), (1, 1, 1), (0, 0, 1), (0, 0.5, 0.5)])
-def test_a_companion_that_stands_decides_the_mean_not_the_covariance(doubt: float, trust: float, x_m: float) -> None:
-    move = mean_move([second(1.0, 1.0, doubt=doubt), second(1.0, 0.0, stands=True)], [trust])
-    weight = (1.0 - doubt) * trust / (1.0 + (1.0 - doubt) * trust)
-    spread_m2 = (1.0 - weight) * (1.0 - x_m) ** 2 + weight * x_m**2
-    np.testing.assert_allclose(move.move_m, [x_m, 0.0])
-    np.testing.assert_allclose(move.covariance_m2, np.diag([0.04 + spread_m2, 0.04]))
-    assert not move.stands
-
-
-def test_a_companion_that_contradicts_the_first_for_long_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """0.2 m apart are half a squared distance of 0.25, 0.8 m of 4, whose mean passes 1.5 in the fifth second."""
-    near = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.2)]).update(level_rows(30.5)))
-    np.testing.assert_allclose([move.move_m[0] for move in near], 1.1)
-    reckoner = Reckoner(Says(1.0), briefing(), companions=[Says(1.8)])
-    far = [move.move_m[0] for move in reckoner.update(level_rows(30.5))]
-    assert far[0] == pytest.approx(1.4) and far[-1] == pytest.approx(1.0) and (np.diff(far) <= 1e-12).all()
-    monkeypatch.setattr(reckoner._members[-1], "change_m", lambda *_: np.ones(2))
-    latest = reckoner.latest_change_m()
-    assert latest is not None
-    np.testing.assert_array_equal(latest[1], np.zeros(2))
-
-
 def test_between_seconds_a_velocity_that_changes_evenly_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     """v = 1.2 - 0.4 t: 1.4 m in the second before t = 0, 0.4 m less per second in one that ends later."""
-    reckoner = continued(1.4, 1.4)
+    reckoner = continued(1.4)
     for since_s in (0.2, 0.6):
         latest = since_s, np.array([-0.4 * since_s, 0.0])
         monkeypatch.setattr(reckoner, "latest_change_m", lambda latest=latest: latest)
@@ -115,7 +79,7 @@ class Rocks:
 
     def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
         x_m = float(np.sqrt((features[:3, -HORIZON:] ** 2).mean()))
-        return WindowAnswer(np.array([x_m, 0.0]), x_m, 0.2 * np.eye(2), -9.0, None, math.nan), None
+        return WindowAnswer(np.array([x_m, 0.0]), 0.2 * np.eye(2), -9.0), None
 
 
 def rocking_rows(seconds: float, *gaps_s: tuple[float, float]) -> dict[str, FloatArray]:
@@ -166,9 +130,8 @@ def test_a_gap_that_leaves_too_little_to_go_on_from_fades_slowly() -> None:
     assert (np.diff(spread_m2[8:16]) > 0).all() and not moves[17].is_guess
 
 
-def test_lengths_are_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:
-    reckoner = continued(1.0, 1.4, length_factor=0.5)
-    monkeypatch.setattr(reckoner._members[-1], "change_m", lambda *_: np.array([1.0, 0.0]))
+def test_lengths_are_multiplied() -> None:
+    reckoner = continued(1.0, 2.0, 1.2, length_factor=0.5)
     latest = reckoner.latest_change_m()
     assert latest is not None
     np.testing.assert_allclose(latest[1], (0.5, 0.0))
@@ -189,15 +152,6 @@ def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing
         places_m = np.array([[0.0, 0.0], [10.0, 0.0]])
         radio_map = survey_of_readings(places_m, nothing, np.arange(2), [1, 1], readings, surveyed=surveyed)
     return Briefing(bare_ring(), sensors, 0.2, Start(np.zeros(2), 0), radio_map)
-
-
-def test_a_companion_that_declines_a_walk_is_left_out_of_it() -> None:
-    localizer = Fusion()
-    sizes = []
-    for rotation in (True, False):
-        localizer.reset(briefing(rotation=rotation), np.random.default_rng(0))
-        sizes.append(len(localizer._reckoner._members))
-    assert sizes == [2, 1]  # `phone_plain` needs a rotation vector, `phone` does with a magnetometer
 
 
 def test_a_level_that_changes_before_the_first_scan_is_no_evidence() -> None:

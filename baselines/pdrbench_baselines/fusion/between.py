@@ -14,7 +14,7 @@ MIN_SINCE_S: Final = 0.5  # between two questions to a network: one beside that 
 
 
 class ContinuedReckoner(Reckoner):
-    """A `Reckoner` that is asked between seconds as well, where it has companions."""
+    """A `Reckoner` that is asked between seconds as well."""
 
     _since_s = 0.0
     _change_m: FloatArray = np.zeros(2)
@@ -33,7 +33,7 @@ class ContinuedReckoner(Reckoner):
         Args:
             since_s: Time since the last second.
         """
-        if len(self._members) > 1 and since_s - self._since_s >= MIN_SINCE_S:
+        if since_s - self._since_s >= MIN_SINCE_S:
             latest = self.latest_change_m()
             if latest is not None and MIN_SINCE_S / 2 <= latest[0] <= since_s + 1e-6:
                 self._since_s, self._change_m = latest

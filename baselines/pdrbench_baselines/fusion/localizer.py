@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
@@ -82,7 +81,7 @@ class Fusion(NetworkLocalizer):
         is_known_phone = start is not None and briefing.carrier == PHONE
         is_interpolated = briefing.radio_map is not None and not briefing.radio_map.surveyed
         factor = own.interpolated_length_factor if is_known_phone and is_interpolated else 1.0
-        self._begin(briefing, factor, own.companions if is_known_phone else ())
+        self._begin(briefing, factor)
         self._building, self._rng = briefing.building or open_space(briefing.radio_map, start), rng
         self._compass, self._map_params, self._lost = None, own.map, None
         if self._reckoner.has_compass:
@@ -189,7 +188,7 @@ class Fusion(NetworkLocalizer):
         )
 
     def _extrapolated_m(self, now_s: float) -> FloatArray:
-        """(2,) how far the walker has come since the last second, by networks that are asked in between as well."""
+        """(2,) how far the walker has come since the last second, by a network that is asked in between as well."""
         carried_m = super()._extrapolated_m(now_s)
         since_s = min(now_s - self._end_s, self._carry_s)
         if not isinstance(self._reckoner, ContinuedReckoner) or since_s <= 0.0:
@@ -197,11 +196,9 @@ class Fusion(NetworkLocalizer):
         cloud = self._best.cloud
         return carried_m + cloud.mean_scale * turned(self._reckoner.turned_off_m(since_s), cloud.mean_bias_rad)
 
-    def _new_reckoner(
-        self, network: WindowNetwork, briefing: Briefing, companions: Sequence[WindowNetwork], length_factor: float
-    ) -> Reckoner:
-        kind = ContinuedReckoner if companions else Reckoner
-        return kind(network, briefing, companions, length_factor=length_factor)
+    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing, length_factor: float) -> Reckoner:
+        kind = ContinuedReckoner if briefing.start is not None and briefing.carrier == PHONE else Reckoner
+        return kind(network, briefing, length_factor=length_factor)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""

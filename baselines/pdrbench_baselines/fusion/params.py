@@ -87,8 +87,6 @@ class FusionParams:
         num_kept: Particles of a cloud that are kept for the revision of the past.
         num_lines: That are drawn through them where the start is not known.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
-        companions: Where the start of a phone is known, packaged networks with whose displacements those of the first
-            are averaged; one that declines a walk is left out of it. The last one is asked between seconds as well.
         interpolated_length_factor: On displacements, where the start of a phone is known and the places of the survey
             were interpolated.
         compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
@@ -113,7 +111,6 @@ class FusionParams:
     num_kept: int = 512
     num_lines: int = 128
     one_place_m: float = 2.0
-    companions: tuple[str, ...] = ("phone_plain",)
     interpolated_length_factor: float = 0.97
     compass: CompassParams = field(default_factory=CompassParams)
     open_compass: CompassParams = field(default_factory=lambda: CompassParams(sigma_rad=math.radians(15.0)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -35,8 +34,8 @@ class NetworkLocalizer:
         if weights is not None:
             self._network(weights)  # raises where the file is not what it should be
 
-    def _begin(self, briefing: Briefing, length_factor: float = 1.0, companions: Sequence[str] = ()) -> None:
-        """Begins a walk; see `Reckoner`. Companions are named as weights that come with pdrbench."""
+    def _begin(self, briefing: Briefing, length_factor: float = 1.0) -> None:
+        """Begins a walk; see `Reckoner`."""
         briefing.require(sensors=("accel", "gyro"))  # before a network is compiled for nothing
         carrier = briefing.carrier
         network = self._network(self._weights or carrier)
@@ -44,16 +43,13 @@ class NetworkLocalizer:
         self._heading_rad = None if start is None else start.heading_rad
         if network.own_attitude and self._heading_rad is None and not {"rotation", "mag"} & set(briefing.sensors):
             raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
-        others = [self._network(one) for one in companions]
-        self._reckoner = self._new_reckoner(network, briefing, others, length_factor)
+        self._reckoner = self._new_reckoner(network, briefing, length_factor)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         # A foot knows its own height.
         self._has_level_changes = "level_change" in briefing.sensors and carrier == PHONE
 
-    def _new_reckoner(
-        self, network: WindowNetwork, briefing: Briefing, companions: Sequence[WindowNetwork], length_factor: float
-    ) -> Reckoner:
-        return Reckoner(network, briefing, companions, length_factor=length_factor)
+    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing, length_factor: float) -> Reckoner:
+        return Reckoner(network, briefing, length_factor=length_factor)
 
     def _network(self, weights: str) -> CompiledNetwork:
         if weights not in self._networks:

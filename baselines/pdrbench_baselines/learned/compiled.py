@@ -17,35 +17,26 @@ from numpy.typing import NDArray
 from pdrbench.compiled import compiled
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
+from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.constants import (
     CHANGE,
+    CNN,
+    CNN_INPUTS,
+    CNN_LAYERS,
     DERIVED_SCALES,
-    DOUBT_M,
-    FEATURES,
-    FLOOR,
-    GAIT,
-    GAIT_INPUTS,
     INPUTS,
-    LAGS,
-    LAW_M,
     LOG_SIGMA,
-    MAX_LOG_FACTOR,
-    MAX_STEPS_HZ,
     MEMORY,
     MIN_WEIGHT,
     NEAR_S,
-    OUTPUTS,
     REST_MPS2,
     REST_RADPS,
     SCALES,
-    SHAKES,
-    STEP_LAGS,
     USUAL_HEIGHT_M,
 )
 from pdrbench_baselines.learned.kernels import yaw_means
 from pdrbench_baselines.learned.reckoning import WindowAnswer
-from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, SLOW_S, WINDOW, grid_signals
+from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDOW, grid_signals
 from pdrbench_baselines.learned.weight_files import PACKAGED, TRAIN, check_form, packaged_file, read_arrays
 
 _RESNET: Final = "resnet"
@@ -53,8 +44,6 @@ _NORM_EPSILON: Final = 1e-5  # of batch normalisation, as PyTorch
 _STRIDES: Final = {3: 1, 4: 2, 5: 1, 6: 2, 7: 1}  # of residual blocks, by their place in the trunk
 _BLOCKS: Final = len(_STRIDES)
 _LINEAR: Final = (("neck.0", ""), ("memory", "_ih_l0"), ("memory", "_hh_l0"), ("head.0", ""), ("head.2", ""))
-_STEPS: Final = slice(LAGS.index(STEP_LAGS[0]), LAGS.index(STEP_LAGS[1]) + 1)
-_LAGS: Final = np.array(LAGS)
 _PADDING: Final = 3  # rows of zeros before and after inputs, for the first layer; one around what other layers give
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -100,11 +89,20 @@ def _added(out: Any, x: Any, parameters: Any, layer: Any, least: float) -> Any:
 
 
 @compiled
-def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layers: Any) -> Any:
-    """Outputs, memory (`MEMORY`,), and, of a network with a gait, by how much features are unlike usual ones, squared.
+def _cnn_outputs(x: Any, parameters: Any, layers: Any) -> Any:
+    """Outputs of inputs (`WINDOW` + 2 `_PADDING`, `CNN_INPUTS`): of the last vector beside the mean of all."""
+    for i in range(CNN_LAYERS):
+        x = _layer(x, parameters, layers[i], 0.0)
+    both = np.concatenate((x[-2], np.sum(x, axis=0) / (len(x) - 2)))  # the first and the last row are zero
+    hidden = _layer(both.reshape(1, -1), parameters, layers[CNN_LAYERS], 0.0)[1]
+    return _layer(hidden.reshape(1, -1), parameters, layers[CNN_LAYERS + 1], -math.inf)[1]
 
-    Of inputs (`WINDOW` + 2 `_PADDING`, inputs), of what joins the output of the trunk (of a gait), of what joins the
-    features, and of the memory before; layers (n, 6) in the order of use, of width 0 where none leads around a block.
+
+@compiled
+def _outputs(x: Any, change: Any, past: Any, parameters: Any, layers: Any) -> Any:
+    """Outputs, and memory (`MEMORY`,), of inputs (`WINDOW` + 2 `_PADDING`, inputs), change and the memory before.
+
+    Layers (n, 6) are in the order of use, of width 0 where none leads around a block.
     """
     x, end = _layer(x, parameters, layers[0], 0.0), 1 + 3 * _BLOCKS
     for i in range(1, end, 3):
@@ -117,7 +115,7 @@ def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layer
     channels = np.empty(length * x.shape[1])
     for at in range(len(channels)):
         channels[at] = x[1 + at % length, at // length]
-    seen = _layer(np.concatenate((channels, beside)).reshape(1, -1), parameters, layers[end + 1], 0.0)[1]
+    seen = _layer(channels.reshape(1, -1), parameters, layers[end + 1], 0.0)[1]
     gates = _layer(np.concatenate((seen, change)).reshape(1, -1), parameters, layers[end + 2], -math.inf)[1]
     past_gates, memory = _layer(past.reshape(1, -1), parameters, layers[end + 3], -math.inf)[1], np.empty(MEMORY)
     for m in range(MEMORY):
@@ -126,70 +124,30 @@ def _outputs(x: Any, beside: Any, change: Any, past: Any, parameters: Any, layer
         new = math.tanh(gates[2 * MEMORY + m] + reset * past_gates[2 * MEMORY + m])
         memory[m] = new + update * (past[m] - new)
     head = _layer(np.concatenate((seen, memory)).reshape(1, -1), parameters, layers[end + 4], 0.0)[1]
-    out, unlike = _layer(head.reshape(1, -1), parameters, layers[end + 5], -math.inf)[1], 0.0
-    if len(beside):
-        for value in _layer(seen.reshape(1, -1), parameters, layers[end + 6], -math.inf)[1]:
-            unlike += value**2
-    return out, memory, unlike
+    return _layer(head.reshape(1, -1), parameters, layers[end + 5], -math.inf)[1], memory
 
 
 @compiled
-def _plain_inputs(window: Any, person: Any, rested_mps: Any, scales: Any, derived_scales: Any, weights: Any) -> Any:
-    """Inputs of a window (`CHANNELS`, `WINDOW`), and its change, by velocities (2, `WINDOW`) of a foot or (0, 0)."""
-    derived = _integrals(window[0], window[1], window[5])
-    change = _change(rested_mps if len(rested_mps) else window[:2], weights, derived[2])
+def _foot_inputs(window: Any, person: Any, rested_mps: Any, scales: Any, derived_scales: Any, weights: Any) -> Any:
+    """Inputs of a window (`CHANNELS`, `WINDOW`), and its change, by velocities (2, `WINDOW`)."""
+    turned_rad = np.cumsum(window[5]) / RATE_HZ
+    turned_rad -= turned_rad.mean()
+    change = _change(rested_mps, weights, turned_rad)
     x = np.zeros((WINDOW + 2 * _PADDING, INPUTS))
     for t in range(WINDOW):
         for i in range(CHANNELS):
             x[_PADDING + t, i] = window[i, t] / scales[i]
         for i in range(3):
-            value = rested_mps[i, t] if i < len(rested_mps) else derived[i, t]
+            value = rested_mps[i, t] if i < 2 else turned_rad[t]
             x[_PADDING + t, CHANNELS + i] = value / derived_scales[i]
         x[_PADDING + t, -2], x[_PADDING + t, -1] = person
-    return x, change[:-1]
-
-
-@compiled
-def _gait_inputs(window: Any, kernel: Any, floor: Any, lags: Any, derived_scales: Any, weights: Any) -> Any:
-    """Inputs of a window (`CHANNELS`, `WINDOW`), its change, (3, lags) autocorrelations, size of the shaking."""
-    slow, size, x = _slow(window[:6], kernel), np.zeros(2), np.zeros((WINDOW + 2 * _PADDING, GAIT_INPUTS))
-    normal = np.empty(slow.shape)
-    for i in range(len(slow)):
-        for t in range(WINDOW):
-            normal[i, t] = window[i, t] - slow[i, t]
-            size[i // 3] += normal[i, t] ** 2 / WINDOW
-    integrals = _integrals(slow[0], slow[1], window[5])
-    for i in range(len(slow)):
-        spread = math.sqrt(size[i // 3] + floor[i // 3] ** 2)
-        for t in range(WINDOW):
-            normal[i, t] /= spread
-            x[_PADDING + t, i] = 1.5 * normal[i, t]
-    for i in range(2):
-        size[i] /= size[i] + floor[i] ** 2
-    for t in range(_PADDING, _PADDING + WINDOW):
-        for i in range(3):
-            x[t, 6 + i], x[t, 9 + i] = slow[3 + i, t - _PADDING], window[6 + i, t - _PADDING]
-            x[t, 12 + i] = integrals[i, t - _PADDING] / derived_scales[i]
-        x[t, 15], x[t, 16] = size
-    return x, _change(window[:2], weights, integrals[2]), _rhythm(normal, lags), size[0]
-
-
-@compiled
-def _integrals(x: Any, y: Any, turn: Any) -> Any:
-    """(3, T) integrals over time of (T,) each, less their means."""
-    out, sums, means = np.zeros((3, len(x))), np.zeros(3), np.zeros((3, 1))
-    for t in range(len(x)):
-        for i, rate in enumerate((x[t], y[t], turn[t])):
-            sums[i] += rate / RATE_HZ
-            means[i, 0] += sums[i] / len(x)
-            out[i, t] = sums[i]
-    return out - means
+    return x, change
 
 
 @compiled
 def _change(rates: Any, weights: Any, yaw_rad: Any) -> Any:
-    """(`CHANGE` + 1,): sums of (2, T) weighed by (T,); the yaw (T,) 2 s ago, 1 s ago and now; 0."""
-    change = np.zeros(CHANGE + 1)
+    """(`CHANGE`,): sums of (2, T) weighed by (T,); the yaw (T,) 2 s ago, 1 s ago and now."""
+    change = np.zeros(CHANGE)
     for t in range(len(weights)):
         change[0] += rates[0, t] * weights[t]
         change[1] += rates[1, t] * weights[t]
@@ -198,43 +156,8 @@ def _change(rates: Any, weights: Any, yaw_rad: Any) -> Any:
     return change
 
 
-@compiled
-def _slow(rows: Any, kernel: Any) -> Any:
-    """(C, T) means around each sample, weighed by a symmetric kernel; rows are reflected at both ends."""
-    (channels, count), half = rows.shape, len(kernel) // 2
-    padded, out = np.empty(count + 2 * half), np.empty(rows.shape)
-    for i in range(channels):
-        for t in range(count + 2 * half):
-            at = abs(t - half)
-            padded[t] = rows[i, min(at, 2 * (count - 1) - at)]
-        mean = out[i]
-        for t in range(count):
-            mean[t] = kernel[half] * padded[t + half]
-        for k in range(half):
-            for t in range(count):
-                mean[t] += kernel[k] * (padded[t + k] + padded[t + 2 * half - k])
-    return out
-
-
-@compiled
-def _rhythm(normal: Any, lags: Any) -> Any:
-    """(3, lags) autocorrelation of the vertical force, of all force and of all rates (6, T)."""
-    count = normal.shape[1]
-    auto = np.zeros((3, len(lags) + 1))
-    for index in range(len(lags) + 1):
-        lag = 0 if index == 0 else lags[index - 1]
-        force, vertical, rates = 0.0, 0.0, 0.0
-        for t in range(count - lag):
-            now, then = normal[:, t], normal[:, t + lag]
-            vertical += now[2] * then[2]
-            force += now[0] * then[0] + now[1] * then[1] + now[2] * then[2]
-            rates += now[3] * then[3] + now[4] * then[4] + now[5] * then[5]
-        auto[0, index], auto[1, index], auto[2, index] = vertical, force, rates
-    return auto[:, 1:] / (auto[:, :1] + 1e-3 * count)
-
-
 class CompiledNetwork:
-    """A network of architecture "resnet", of a phone or a foot, or "gait".
+    """A network of a phone, of architecture "cnn", or of a foot, "resnet".
 
     Args:
         arrays: Its weights by name.
@@ -246,11 +169,12 @@ class CompiledNetwork:
     """
 
     def __init__(self, arrays: Arrays, form: Mapping[str, Any], path: Path) -> None:
-        arch, self.carried = form.get("arch"), str(form.get("carried", PHONE))
-        if arch not in (_RESNET, GAIT):
-            raise DatasetError(f"{path}: {arch!r} is no network that is compiled; take {_RESNET} or {GAIT} (`{TRAIN}`)")
-        self.own_attitude = self._has_gait = arch == GAIT
-        check_form(form, GAIT_INPUTS if self._has_gait else INPUTS, path)
+        self.carried = str(form.get("carried", PHONE))
+        self.own_attitude = is_phone = self.carried == PHONE
+        expected = CNN if is_phone else _RESNET
+        if form.get("arch") != expected:
+            raise DatasetError(f"{path}: {form.get('arch')!r} is no network of a {self.carried}; train with `{TRAIN}`")
+        check_form(form, CNN_INPUTS if is_phone else INPUTS, path)
         try:
             self._take(arrays)
             self.ask(np.zeros((CHANNELS, WINDOW)), 0.0, None)  # fails where shapes do not fit
@@ -261,34 +185,23 @@ class CompiledNetwork:
 
     def ask(self, features: FloatArray, height_m: float, memory: FloatArray | None) -> tuple[WindowAnswer, FloatArray]:
         """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory."""
-        window, past = np.ascontiguousarray(features), np.zeros(MEMORY) if memory is None else memory
-        taller_m, is_known = (height_m - USUAL_HEIGHT_M[0], 1.0) if height_m > 0 else (0.0, 0.0)
-        person, beside, rhythm = (taller_m / USUAL_HEIGHT_M[1], is_known), np.zeros(0), math.nan
-        if self._has_gait:
-            x, change, found, size = _gait_inputs(window, self._kernel, FLOOR, _LAGS, self._derived, self._weights)
-            change[-1], beside = taller_m, np.concatenate([found.ravel(), person])
-            if size > SHAKES:
-                rhythm = float(found[:, _STEPS].max())
+        window = np.ascontiguousarray(features)
+        person = ((height_m - USUAL_HEIGHT_M[0]) / USUAL_HEIGHT_M[1], 1.0) if height_m > 0 else (0.0, 0.0)
+        past = np.zeros(MEMORY) if memory is None else memory
+        if self.carried == PHONE:
+            x = np.zeros((WINDOW + 2 * _PADDING, CNN_INPUTS))
+            x[_PADDING:-_PADDING, :CHANNELS] = window.T / self._scales
+            x[_PADDING:-_PADDING, CHANNELS:] = person
+            values = _cnn_outputs(x, self._parameters, self._layers)
+            move_m = values[:2]
         else:
-            rested_mps = self._rested(window) if self.carried == FOOT else np.zeros((0, 0))
-            x, change = _plain_inputs(window, person, rested_mps, self._scales, self._derived, self._weights)
-        values, memory, unlike = _outputs(x, beside, change, past, self._parameters, self._layers)
-        out = values.tolist()
-        low, high = LOG_SIGMA
+            x, change = _foot_inputs(window, person, self._rested(window), self._scales, self._derived, self._weights)
+            values, past = _outputs(x, change, past, self._parameters, self._layers)
+            move_m = values[:2] / (math.hypot(values[0], values[1]) + 1e-6) * float(np.logaddexp(0.0, values[6]))
+        out, (low, high) = values.tolist(), LOG_SIGMA
         first, second = (self._claim * math.exp(min(max(out[i], low), high)) for i in (2, 4))
         cross = self._claim * min(max(out[3], -2.0), 2.0)
-        doubt = None
-        if self._has_gait:
-            far = max(unlike / self._near, 1.0)
-            doubt = 1.0 - 1.0 / far
-            steps_hz = MAX_STEPS_HZ / (1.0 + math.exp(-out[OUTPUTS]))
-            factor = math.exp(MAX_LOG_FACTOR * math.tanh(out[6]) * (1.0 - doubt) * self._trust)
-            length_m = steps_hz * _step_law_m(steps_hz, USUAL_HEIGHT_M[0] + taller_m) * factor
-            first, cross, second = _widened(first, cross, second, far, DOUBT_M * doubt)
-        else:
-            length_m = float(np.logaddexp(0.0, out[6]))
-        move_m = values[:2] / (math.hypot(out[0], out[1]) + 1e-6) * length_m
-        return WindowAnswer(move_m, length_m, np.array([[first, 0.0], [cross, second]]), out[5], doubt, rhythm), memory
+        return WindowAnswer(move_m, np.array([[first, 0.0], [cross, second]]), out[5]), past
 
     def _take(self, arrays: Arrays) -> None:
         """Puts arrays in place, with what normalisation does to them."""
@@ -297,7 +210,7 @@ class CompiledNetwork:
 
         def add(weight: FloatArray, bias: FloatArray, stride: int = 1, padding: int = 0) -> None:
             matrix = np.atleast_3d(weight).transpose(2, 1, 0)
-            if bias.shape != matrix.shape[2:]:
+            if bias.shape != matrix.shape[2:] or len(matrix) % 2 == 0:
                 raise ValueError(f"{len(bias)} values of bias for weights {matrix.shape}")
             layers.append((*matrix.shape, stride, padding, sum(map(len, parameters))))
             parameters.extend((matrix.ravel(), bias))
@@ -311,6 +224,14 @@ class CompiledNetwork:
             bias = arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * factor
             add(arrays[f"{name}.weight"] * factor[:, None, None], bias, stride, padding)
 
+        self._claim, self._scales = float(arrays["claim"][0]), np.array(SCALES[self.carried])
+        if self.carried == PHONE:
+            for place in range(CNN_LAYERS):
+                normalised(f"layers.{place}.0", f"layers.{place}.1", 2, 1 if place else _PADDING)
+            linear("mix")
+            linear("head")
+            self._layers, self._parameters = np.array(layers), np.concatenate(parameters).astype(np.float64)
+            return
         normalised("trunk.0", "trunk.1", 2, _PADDING)
         for place, stride in _STRIDES.items():
             name = f"trunk.{place}"
@@ -325,23 +246,10 @@ class CompiledNetwork:
             linear(name, suffix)
         if {layers[-4][2], layers[-3][2]} != {3 * MEMORY}:
             raise ValueError("memory of another size")
-        self._claim = float(arrays["claim"][0])
-        rise = (np.arange(HORIZON) + 0.5) / HORIZON
+        self._derived, t_s = np.array(DERIVED_SCALES), np.arange(WINDOW) / RATE_HZ
+        add(np.exp(-0.5 * ((t_s[:, None] - t_s) / NEAR_S) ** 2), np.zeros(WINDOW))
         self._weights = np.zeros(WINDOW)
-        self._weights[-2 * HORIZON :] = np.concatenate([rise, rise[::-1]]) / RATE_HZ
-        self._scales, self._derived = np.array(SCALES[self.carried]), np.array(DERIVED_SCALES[self.carried])
-        if self._has_gait:
-            whitening = arrays["whitening"].T.astype(np.float64)
-            add(whitening, np.zeros(FEATURES) - whitening @ arrays["usual_features"])
-            self._trust, self._near = float(arrays["trust"][0]), float(arrays["near"][0])
-            half = math.ceil(3 * SLOW_S * RATE_HZ)
-            kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (SLOW_S * RATE_HZ)) ** 2)
-            self._kernel = kernel / kernel.sum()
-        elif self.carried == FOOT:
-            t_s = np.arange(WINDOW) / RATE_HZ
-            add(np.exp(-0.5 * ((t_s[:, None] - t_s) / NEAR_S) ** 2), np.zeros(WINDOW))
-            self._weights[:] = 0.0
-            self._weights[-HORIZON:] = 1.0 / HORIZON
+        self._weights[-HORIZON:] = 1.0 / HORIZON
         self._layers, self._parameters = np.array(layers), np.concatenate(parameters).astype(np.float64)
 
     def _rested(self, window: FloatArray) -> FloatArray:
@@ -372,17 +280,3 @@ def warm_up() -> None:
         compiled_network(name)  # asked once while it is made
     grid_signals(np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 5)), 0.0, 0.0)
     yaw_means(np.ones((2, 5)), np.zeros((2, 4)), 1.0, 1.0, 1.0, (0.0, 0.0, 0.0, 0.0))
-
-
-def _step_law_m(steps_hz: float, height_m: float) -> float:
-    """Usual length of a step at a step rate, of people of a height; 0.3 m at least."""
-    usual_m, per_height, usual_height_m, per_hz, usual_hz = LAW_M
-    taller_m = height_m - usual_height_m
-    return max(usual_m + per_height * taller_m + per_hz * (steps_hz - usual_hz) * height_m / usual_height_m, 0.3)
-
-
-def _widened(l11: float, l21: float, l22: float, far: float, added_m: float) -> tuple[float, float, float]:
-    """Cholesky factor (l11, l21, l22) of a covariance times `far`, plus the square of `added_m` on the diagonal."""
-    first = math.sqrt(far * l11**2 + added_m**2)
-    lower = far * l11 * l21 / first
-    return first, lower, math.sqrt(max(far * (l21**2 + l22**2) + added_m**2 - lower**2, 1e-8))

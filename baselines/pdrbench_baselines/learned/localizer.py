@@ -11,7 +11,6 @@ import numpy as np
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import CARRY_S, NetworkLocalizer
-from pdrbench_baselines.learned.reckoning import EVERY_S
 
 LEVEL_HEIGHT_M: Final = 3.0  # rise that counts as a level, as foot_ins
 
@@ -43,19 +42,14 @@ class LearnedParams:
     Attributes:
         weights: File of a training run; None for the networks that come with pdrbench.
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
-        doubted_mps: Standard deviation of the speed where a network fully doubts its input, the same all along.
         start_sigma_m: Spread around a start, per axis, at least.
-        companions: Packaged networks with whose displacements those of the network for phones that comes with pdrbench
-            are averaged, see `Reckoner`.
         phone: Errors of a phone.
         foot: Errors of a unit on a foot.
     """
 
     weights: str | None = None
     carry_s: float = CARRY_S
-    doubted_mps: float = 0.7  # of a trolley all that is known is that it goes at less than walkers do
     start_sigma_m: float = 0.5
-    companions: tuple[str, ...] = ("phone_plain",)
     phone: ReckoningErrors = field(default_factory=ReckoningErrors)
     foot: ReckoningErrors = FOOT_ERRORS
 
@@ -82,11 +76,10 @@ class Learned(NetworkLocalizer):
         briefing.require(start=True)
         assert briefing.start is not None
         p = self._params
-        self._begin(briefing, companions=p.companions if briefing.carrier == PHONE and p.weights is None else ())
+        self._begin(briefing)
         self._errors = p.phone if briefing.carrier == PHONE else p.foot
         self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
         self._start_m = self._xy_m.copy()
-        self._doubted_m = 0.0
         self._spread_m2 = max(briefing.start.radius_m / 2, p.start_sigma_m) ** 2
 
     def step(self, observation: Observation) -> Estimate:
@@ -94,7 +87,6 @@ class Learned(NetworkLocalizer):
         for move in self._reckoner.update(observation.rows):
             self._xy_m = self._xy_m + move.move_m
             self._spread_m2 += errors.error_correlation * float(move.covariance_m2[0, 0] + move.covariance_m2[1, 1]) / 2
-            self._doubted_m += self._params.doubted_mps * EVERY_S * move.doubt
             self._follow(move.move_m, move.end_s)
         if self._has_level_changes:
             self._level += int(observation["level_change"][:, 1].sum())
@@ -104,5 +96,5 @@ class Learned(NetworkLocalizer):
             xy_m=self._xy_m + self._extrapolated_m(observation.now_s),
             level=self._level + round(self._reckoner.rise_m / LEVEL_HEIGHT_M),
             heading_rad=self._heading_rad,
-            sigma_m=math.sqrt(self._spread_m2 + fraction2 * away_m2 + self._doubted_m**2),
+            sigma_m=math.sqrt(self._spread_m2 + fraction2 * away_m2),
         )

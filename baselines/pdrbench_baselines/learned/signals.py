@@ -20,8 +20,6 @@ GRAVITY_MPS2: Final = 9.81
 RATE_HZ: Final = 50.0  # of the grid; gait has no information above some 20 Hz
 WINDOW: Final = 200  # 4 s: two strides at the slowest gait that is walked for long
 HORIZON: Final = 50  # the last second of a window, of which the displacement is estimated
-# Ours: standard deviation of the Gaussian that keeps the motion of the body, with 0.02 of 1.8 Hz; the rest is shaking.
-SLOW_S: Final = 0.25
 MIN_RATE_HZ: Final = 20.0  # slower recordings miss what heels do
 MAX_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
 STRIDE_LAGS: Final = (25, 80)  # samples, 0.5 to 1.6 s: a step or a stride

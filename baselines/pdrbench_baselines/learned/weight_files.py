@@ -18,8 +18,7 @@ from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 # sha256 of the weights that come with pdrbench, by name
 PACKAGED: Final = {
-    "phone": "2c1278163e0ea9510877c27611216ee5e290fc9174a99c7b452b00ea841de7fe",
-    "phone_plain": "ec7e542a70598dfc31f6ade684bda7774c7d03e595cc3df4f90963eadec78ca3",
+    "phone": "4fb0f69f499b909ea48f68bc8847bcdb29d9b30178a392dbf01ea01fd5699abd",
     "foot": "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
 }
 FORM: Final = {"window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}

@@ -19,17 +19,15 @@ import numpy as np
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
-from pdrbench_baselines.learned.constants import GAIT
-from pdrbench_lab.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
+from pdrbench_lab.learned.data import FEET, SOURCES, gather, windows_of_sources
 from pdrbench_lab.learned.odometry.commands import add_commands
 from pdrbench_lab.learned.threads import INSTALL
 
 if TYPE_CHECKING:
     from pdrbench.recording import Recording
     from pdrbench_baselines.learned.reckoning import WindowNetwork
-    from pdrbench_lab.learned.model import Network
+    from pdrbench_lab.learned.model import AnyNetwork
 
-PEOPLE, EPOCHS = 400, 3  # of a training by default
 USUAL_WEIGHTS = "phone"
 MEASURED = {"campus": "CampusPhone-v1", "mall": "MallPhone-v2", "museum": "IpinPhone-v1"}
 OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
@@ -42,18 +40,18 @@ def main(arguments: list[str] | None = None) -> int:
     train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
-    train.add_argument("--arch", choices=(GAIT, "resnet", "tcn"), help=f"{GAIT} by default, for a foot resnet")
-    train.add_argument("--width", type=int, help="of the first stage, as of the packaged network by default")
     train.add_argument("--carried", choices=(PHONE, FOOT), default=PHONE, help="what carries the sensors")
     train.add_argument(
-        "--data", help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full"
+        "--data", help=f"some of {','.join(SOURCES)}; by default all of phones with data here, for a foot {FEET}"
     )
+    train.add_argument("--left-out", default="", help="sources, and beginnings of names of walks, that teach nothing")
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, help="of each simulated source, who walk for the training")
     train.add_argument("--val-people", type=int, help="others, on whom progress is measured")
-    train.add_argument("--epochs", type=int, help="in which windows are learned")
-    train.add_argument("--memory-epochs", type=int, help="in which the memory of walks learns, afterwards")
-    train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
+    train.add_argument("--steps", type=int, help="batches, of a phone")
+    train.add_argument("--epochs", type=int, help="of a foot, in which windows are learned")
+    train.add_argument("--memory-epochs", type=int, help="of a foot, in which the memory of walks learns, afterwards")
+    train.add_argument("--budget", type=float, help="of a foot, minutes after which no epoch is begun")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
     train.set_defaults(run=_train)
@@ -73,9 +71,9 @@ def main(arguments: list[str] | None = None) -> int:
     public = commands.add_parser("public", help="train and test on RoNIN, RIDI or OxIOD, people of the test left out")
     public.add_argument("folder", type=Path, help="with walks of these sets, and the lists that come with them")
     public.add_argument("--out", type=Path, help="folder of a run: trains before, with the other sources of train")
-    public.add_argument("--data", default=",".join(USUAL), help=f"these others, some of {','.join(SOURCES)}")
-    public.add_argument("--people", type=int, default=PEOPLE, help="of each simulated source")
-    public.add_argument("--epochs", type=int, default=EPOCHS)
+    public.add_argument("--data", help=f"these others, some of {','.join(SOURCES)}; by default as of train")
+    public.add_argument("--people", type=int, help="of each simulated source")
+    public.add_argument("--steps", type=int, help="batches")
     public.add_argument("--weights", default=USUAL_WEIGHTS, help="without --out: a name, or a file")
     public.add_argument("--part", choices=("test", "seen", "val"), default="test")
     public.set_defaults(run=_public)
@@ -110,29 +108,37 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _train(given: argparse.Namespace) -> None:
+    if given.carried == PHONE:
+        _train_phone(given, given.windows)
+        return
     try:
-        from pdrbench_lab.learned.train import ON_FOOT, TrainParams, train
+        from pdrbench_lab.learned.train import TrainParams, train
     except ModuleNotFoundError as error:
         raise PdrbenchError(f"{error.name} is missing; run `{INSTALL}`") from error
-    usual = ON_FOOT if given.carried == FOOT else TrainParams()
-    chosen = tuple(given.data.split(",")) if given.data else usual.sources
-    asked = ("arch", "width", "people", "val_people", "epochs", "memory_epochs")
+    asked = ("people", "val_people", "epochs", "memory_epochs", "seed", "threads")
     params = replace(
-        usual,
-        sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
-        seed=given.seed,
-        threads=given.threads,
-        **{name: getattr(given, name) for name in asked if getattr(given, name) is not None},
+        TrainParams(), **{name: getattr(given, name) for name in asked if getattr(given, name) is not None}
     )
-    figures = train(
-        given.out,
-        params,
-        windows_in=given.windows,
-        recordings=given.recordings,
-        budget_min=given.budget,
-        say=lambda line: print(line, flush=True),  # noqa: T201
-    )
+    figures = train(given.out, params, windows_in=given.windows, budget_min=given.budget, say=_say)
     print(f"other people: {figures.line()}")  # noqa: T201
+
+
+def _train_phone(given: argparse.Namespace, windows_in: Path | None = None, recordings: Path | None = None) -> None:
+    try:
+        from pdrbench_lab.learned.cnn import CnnParams, train_cnn, usual_sources
+    except ModuleNotFoundError as error:
+        raise PdrbenchError(f"{error.name} is missing; run `{INSTALL}`") from error
+    recordings = recordings or getattr(given, "recordings", None)
+    sources = usual_sources(given.data.split(",") if given.data else None, has_own=recordings is not None)
+    asked = ("people", "val_people", "steps", "seed", "threads")
+    chosen = {name: getattr(given, name, None) for name in asked}
+    left_out = tuple(filter(None, getattr(given, "left_out", "").split(",")))
+    params = CnnParams(sources, left_out=left_out, **{name: one for name, one in chosen.items() if one is not None})
+    train_cnn(given.out, params, windows_in=windows_in, recordings=recordings, say=_say)
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)  # noqa: T201
 
 
 def _public(given: argparse.Namespace) -> None:
@@ -147,10 +153,9 @@ def _public(given: argparse.Namespace) -> None:
         raise PdrbenchError(f"{given.folder}: no walk of part {given.part}; there is {parts}")
     weights = given.weights
     if given.out is not None:
-        from pdrbench_lab.learned.train import MODEL, TrainParams, train
+        from pdrbench_lab.learned.train import MODEL
 
-        params = TrainParams(sources=(*given.data.split(","), OWN), people=given.people, epochs=given.epochs)
-        train(given.out, params, recordings=given.folder, say=lambda line: print(line, flush=True))  # noqa: T201
+        _train_phone(given, recordings=given.folder)
         weights = str(given.out / MODEL)
     network = load_network(weights)
     for form, carried in sorted({(walk.form, walk.carried) for walk in tested}):
@@ -189,7 +194,7 @@ def _measure(given: argparse.Namespace) -> None:
         print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
 
 
-def _measure_in(network: Network, env: str, given: argparse.Namespace) -> FloatArray:
+def _measure_in(network: AnyNetwork, env: str, given: argparse.Namespace) -> FloatArray:
     """Prints the figures of one environment; of malls gives the mean errors of legs and of places."""
     from pdrbench.registry import make_task
     from pdrbench_lab.learned.walks import gentler, mirrored, place_errors_m, walk_figures, without_rotation
@@ -218,7 +223,7 @@ def _measure_in(network: Network, env: str, given: argparse.Namespace) -> FloatA
     return np.array([legs_m.mean(), places_m.mean()])
 
 
-def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
+def _measure_feet(networks: Mapping[str, AnyNetwork], split: str) -> None:
     from pdrbench.registry import make_task
     from pdrbench_lab.learned.batches import Feed
     from pdrbench_lab.learned.feet import levelled

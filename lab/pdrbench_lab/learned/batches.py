@@ -13,15 +13,11 @@ import torch
 from torch import Tensor
 
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
-from pdrbench_baselines.learned.constants import GAIT
-from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, RATE_HZ, WINDOW
+from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
 from pdrbench_lab.learned.data import OWN, SOURCES, Windows
 
 LONGEST: Final = 150  # seconds of a walk in training
-REAL: Final = tuple(SOURCES.index(name) for name in ("mall", "museum", OWN))
-SLOW_HZ: Final = 0.7  # below it motion is that of the body: it is not multiplied as shaking is
-RINGING_HZ: Final = 5.0  # above it phone and hand ring after a blow of the heel
-REFLECTED: Final = 50  # samples at both ends of a window, for its spectrum
+REAL: Final = tuple(SOURCES.index(name) for name in ("mall", "museum", "retail", OWN))
 STANDS_M: Final = 0.1  # in a second; below it the person stands, sways or shuffles
 _MIRROR: Final = (-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # x to -x: rates are axial vectors
 
@@ -43,16 +39,6 @@ class Augmentation:
     slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
     anonymous_share: float = 0.15  # the height of the person is not given
-    # Of `GaitNetwork` only: how hard people walk, and what phones do to it; the displacement stays as it is.
-    shake_share: float = 0.0  # of the walks have their shaking multiplied,
-    shake_range: tuple[float, float] = (0.3, 2.0)  # by so much, log-uniform; that of the rates by its root
-    rate_shake_log: float = 0.0  # and by another factor of its own
-    vertical_shake_log: float = 0.0  # vertical against horizontal
-    ringing_log: float = 0.0  # above `RINGING_HZ` against below
-    dull_share: float = 0.0  # of the walks are as from a phone with a narrow filter or of a low rate,
-    dull_range_hz: tuple[float, float] = (4.0, 20.0)  # which passes half at so much, log-uniform
-    stretch_log: float = 0.0  # longer or shorter steps: displacements and accelerations of the body times one factor
-    crooked_rad: float = 0.0  # yaw of the phone against the direction in which it is held
 
 
 UNCHANGED: Final = Augmentation(
@@ -70,22 +56,6 @@ UNCHANGED: Final = Augmentation(
 AUGMENTATION: Final = {
     PHONE: Augmentation(),
     # Units on feet are better and one kind is simulated, of any rate, on left feet and right ones; the rest is ours.
-    GAIT: Augmentation(
-        accel_scale=0.02,
-        accel_bias_mps2=0.12,  # 10 to 80 mg of other phones are in the simulated ones; recorded phones have theirs
-        accel_noise_mps2=0.08,
-        gyro_scale=0.02,
-        tilt_rad=math.radians(1.5),  # 0.8 of those reported; the filter of the house is off by some 2 degrees in a walk
-        slow_share=0.1,
-        anonymous_share=0.5,
-        shake_share=0.8,
-        rate_shake_log=0.35,
-        vertical_shake_log=0.25,
-        ringing_log=0.5,
-        dull_share=0.4,
-        stretch_log=0.05,
-        crooked_rad=math.radians(6.0),
-    ),
     FOOT: Augmentation(
         accel_scale=0.005,
         accel_bias_mps2=0.03,
@@ -227,10 +197,6 @@ class _Change:
         self._shift[:, 0:3] = how.accel_bias_mps2 * normal[:, 6:9]
         self._shift[:, 0:2] += GRAVITY_MPS2 * how.tilt_rad * normal[:, 6:8].flip(1)
         self._shift[:, 3:6] = how.gyro_bias_radps * normal[:, 9:12]
-        self._stretch = torch.exp(how.stretch_log * _randn(rng, (count,), device)) if how.stretch_log else None
-        has_gain = bool(how.shake_share or how.dull_share or how.stretch_log)
-        self._gain = spectral_gain(rng, count, how, device, self._stretch) if has_gain else None
-        self._crooked_rad = how.crooked_rad * _randn(rng, (count,), device) if how.crooked_rad else None
 
     def applied(self, window: Tensor, move_m: Tensor, height_m: Tensor, seconds: int) -> tuple[Tensor, Tensor, Tensor]:
         """To the windows (B T, ...) of walks of so many seconds."""
@@ -241,56 +207,13 @@ class _Change:
         halved = torch.nn.functional.avg_pool1d(window, 2)
         slow = torch.nn.functional.interpolate(halved, WINDOW, mode="linear")
         window = torch.where(each(self._is_slow)[:, None, None], slow, window)
-        if self._gain is not None:
-            window = torch.cat([filtered(window[:, :6], each(self._gain)), window[:, 6:]], dim=1)
-        if self._crooked_rad is not None:
-            angle_rad = each(self._crooked_rad)[:, None]
-            window = torch.cat(
-                [_turned(window[:, 0:2], angle_rad), window[:, 2:3], _turned(window[:, 3:5], angle_rad), window[:, 5:]],
-                dim=1,
-            )
         sign = each(self._sign)
         window = window * (sign * each(self._factor))[:, :, None] + each(self._shift)[:, :, None]
         noise = _randn(self._rng, (len(window), 6, WINDOW), self._device)
         window[:, 0:3] += self._how.accel_noise_mps2 * noise[:, 0:3]
         window[:, 3:6] += self._how.gyro_noise_radps * noise[:, 3:6]
         height_m = torch.where(each(self._is_anonymous), torch.zeros_like(height_m), height_m)
-        if self._stretch is not None:
-            move_m = move_m * each(self._stretch)[:, None]
         return window, move_m * sign[:, :2], height_m
-
-
-def spectral_gain(
-    rng: torch.Generator, count: int, how: Augmentation, device: str, stretch: Tensor | None = None
-) -> Tensor:
-    """(B, 6, frequencies) by which the spectra of force and rates are multiplied in each walk."""
-    drawn = torch.rand((count, 4), generator=rng, device=rng.device).to(device)
-    normal = _randn(rng, (count, 3), device)
-    low, high = (math.log(one) for one in how.shake_range)
-    log_shake = torch.where(
-        drawn[:, 0] < how.shake_share, low + (high - low) * drawn[:, 1], torch.zeros_like(normal[:, 0])
-    )
-    log_axes = log_shake[:, None] * torch.tensor([1.0, 1.0, 1.0, 0.5, 0.5, 0.5], device=device)
-    log_axes[:, 2] += how.vertical_shake_log * normal[:, 0]
-    log_axes[:, 3:] += how.rate_shake_log * normal[:, 1:2]
-    hz = torch.fft.rfftfreq(WINDOW + 2 * REFLECTED, 1.0 / RATE_HZ).to(device)
-    is_shaking, is_ringing = 1.0 - torch.exp(-0.5 * (hz / SLOW_HZ) ** 2), torch.sigmoid(2.0 * (hz - RINGING_HZ))
-    ringing = torch.exp(how.ringing_log * normal[:, 2:3] * is_ringing)
-    body = torch.ones((count, 6), device=device)
-    if stretch is not None:
-        body[:, 0:2] = stretch[:, None]
-    gain = body[:, :, None] * (1.0 - is_shaking) + is_shaking * torch.exp(log_axes)[:, :, None] * ringing[:, None]
-    low, high = (math.log(one) for one in how.dull_range_hz)
-    half_hz = torch.exp(low + (high - low) * drawn[:, 2:3])
-    dull = torch.where(drawn[:, 3:4] < how.dull_share, torch.exp2(-((hz / half_hz) ** 2)), torch.ones_like(hz))
-    return gain * dull[:, None]
-
-
-def filtered(rows: Tensor, gain: Tensor) -> Tensor:
-    """(N, 6, T) with their spectra multiplied by a gain (N, 6, frequencies); mirrored at both ends."""
-    padded = torch.nn.functional.pad(rows, (REFLECTED, REFLECTED), mode="reflect")
-    out: Tensor = torch.fft.irfft(torch.fft.rfft(padded, dim=2) * gain, n=padded.shape[2], dim=2)
-    return out[:, :, REFLECTED:-REFLECTED]
 
 
 def _turned(pairs: Tensor, angle_rad: Tensor) -> Tensor:

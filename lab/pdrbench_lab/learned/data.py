@@ -1,9 +1,9 @@
 """Windows for training: where they come from, the displacement of each, a manifest of everything that went in.
 
 Sources: people who walk for training only (`people`), and such of every kind with phones of every kind (`bearers`), the
-`train` walks of CampusPhone-v1, those of MallPhone-v2 (`mall`) and of IpinPhone-v1 (`museum`, whose two walks of
-`val` are taken as well), where the way between two surveyed places is reckoned from steps and bent to meet both, and a
-user's own recordings. No other `val` walk and no `test` walk of an environment is ever read here.
+`train` walks of CampusPhone-v1, those of MallPhone-v2 (`mall`), of RetailPhone-v1 (`retail`) and of IpinPhone-v1
+(`museum`), of the last two also those of `val`, and a user's own recordings. Between two surveyed places the way is
+reckoned from steps and bent to meet both. No other `val` walk and no `test` walk of an environment is ever read here.
 """
 
 from __future__ import annotations
@@ -37,13 +37,17 @@ if TYPE_CHECKING:
 OWN: Final = "own"
 FEET: Final = "feet"
 BEARERS: Final = "bearers"
-SOURCES: Final = ("people", "campus", "mall", OWN, FEET, BEARERS, "museum")
-USUAL: Final = (BEARERS, "mall", "museum")
+SOURCES: Final = ("people", "campus", "mall", OWN, FEET, BEARERS, "museum", "retail")
 DRAWN: Final = ("people", FEET, BEARERS)  # simulated, as many as are asked for
 # Samples between windows: recorded walks are few.
-EVERY: Final = {"people": 50, "campus": 50, "mall": 25, OWN: 10, FEET: 50, BEARERS: 50, "museum": 10}
-ENVIRONMENTS: Final = {"campus": "CampusPhone-v1", "mall": "MallPhone-v2", "museum": "IpinPhone-v1"}
-PARTS: Final = {"museum": ("train", "val")}  # of an environment that are learned from; ("train",) of the others
+EVERY: Final = {"people": 50, "campus": 50, "mall": 25, OWN: 10, FEET: 50, BEARERS: 50, "museum": 10, "retail": 10}
+ENVIRONMENTS: Final = {
+    "campus": "CampusPhone-v1",
+    "mall": "MallPhone-v2",
+    "museum": "IpinPhone-v1",
+    "retail": "RetailPhone-v1",
+}
+PARTS: Final = {"museum": ("train", "val"), "retail": ("train", "val")}  # learned from; ("train",) of the others
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the fraction of each step in its leg matters
 MAX_LEG_S: Final = 25.0

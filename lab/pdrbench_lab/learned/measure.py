@@ -15,7 +15,7 @@ from pdrbench_lab.learned.model import surprise, whitened
 
 if TYPE_CHECKING:
     from pdrbench_lab.learned.batches import Augmentation, Feed
-    from pdrbench_lab.learned.model import Network
+    from pdrbench_lab.learned.model import AnyNetwork
 
 WALKS_M: Final = 0.5  # in a second; below it the heading of travel says nothing
 LEVELS: Final = (0.50, 0.90, 0.95)
@@ -69,7 +69,7 @@ class WindowOutputs:
     surprise: FloatArray
 
 
-def window_outputs(network: Network, feed: Feed, how: Augmentation | None = None) -> WindowOutputs:
+def window_outputs(network: AnyNetwork, feed: Feed, how: Augmentation | None = None) -> WindowOutputs:
     """Asks a network about every walk of a set, changed where `how` is given."""
     network.eval()
     parts: list[tuple[FloatArray, ...]] = []
@@ -83,7 +83,7 @@ def window_outputs(network: Network, feed: Feed, how: Augmentation | None = None
     return WindowOutputs(number, turned(move_m, yaw_rad), turned(true_m, yaw_rad), square, nll)
 
 
-def window_figures(network: Network, feed: Feed, windows: Windows, how: Augmentation | None = None) -> WindowFigures:
+def window_figures(network: AnyNetwork, feed: Feed, windows: Windows, how: Augmentation | None = None) -> WindowFigures:
     """Figures over every window of a set, changed where `how` is given."""
     outputs = window_outputs(network, feed, how)
     walk, end = windows.walk[outputs.number], windows.end[outputs.number]

@@ -12,7 +12,7 @@ frame) and TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import torch
@@ -23,6 +23,8 @@ from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.constants import (
     CHANGE,
+    CNN,
+    CNN_INPUTS,
     DERIVED_SCALES,
     FEATURES,
     INPUTS,
@@ -37,6 +39,11 @@ from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 from pdrbench_lab.learned.rest_velocity import RestVelocity
 from pdrbench_lab.learned.threads import one_thread
 
+WIDTHS: Final = (32, 64, 64, 96, 96)  # of the layers for phones, each with half the samples of the one before
+KERNELS: Final = (7, 3, 3, 3, 3)
+HIDDEN: Final = 96
+DERIVED: Final = {PHONE: (0.5, 0.5, 0.7), FOOT: DERIVED_SCALES}  # m/s, m/s, rad
+
 
 @dataclass(frozen=True, slots=True)
 class NetworkOutput:
@@ -49,8 +56,6 @@ class NetworkOutput:
         course_m: (N, 2) in the direction of travel, of a length without meaning after the warm-up.
         cholesky_m: (N, 2, 2) lower triangular factor of its covariance.
         standing: (N,) logit of standing still.
-        steps_hz: (N,) steps per second, of a network that counts them.
-        doubt: (N,) 0 for input like that of training, towards 1 the further from it, likewise.
     """
 
     move_m: Tensor
@@ -58,8 +63,6 @@ class NetworkOutput:
     course_m: Tensor
     cholesky_m: Tensor
     standing: Tensor
-    steps_hz: Tensor | None = None
-    doubt: Tensor | None = None
 
     def with_fixed_length(self) -> NetworkOutput:
         """The same, whose displacement teaches headings only."""
@@ -131,7 +134,7 @@ class Network(nn.Module):
         self.scale: Tensor
         self.register_buffer("scale", torch.tensor(SCALES[carried]).reshape(1, -1, 1), persistent=False)
         self.derived_scale: Tensor
-        self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES[carried]).reshape(1, -1, 1), persistent=False)
+        self.register_buffer("derived_scale", torch.tensor(DERIVED[carried]).reshape(1, -1, 1), persistent=False)
         self.rested = RestVelocity() if carried == FOOT else None
         self.rise_and_fall: Tensor
         self.register_buffer("rise_and_fall", _rise_and_fall(), persistent=False)
@@ -163,20 +166,12 @@ class Network(nn.Module):
         with one_thread(), torch.inference_mode():
             window = torch.from_numpy(features).to(torch.float32)[None]
             output, memory = self(window, torch.tensor([height_m], dtype=torch.float32), memory)
-            rhythm = float(self.step_rhythm(window)[0])
         answer = WindowAnswer(
             output.move_m[0].numpy().astype(np.float64),
-            float(output.length_m[0]),
             output.cholesky_m[0].numpy().astype(np.float64),
             float(output.standing[0]),
-            None if output.doubt is None else float(output.doubt[0]),
-            rhythm,
         )
         return answer, memory
-
-    def step_rhythm(self, window: Tensor) -> Tensor:
-        """(N,) how rhythmically windows are shaken; not a number of a network that does not look at it."""
-        return torch.full((len(window),), torch.nan)
 
     def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
         """The output for (B, T, `FEATURES` + `change`) that was seen; B T rows."""
@@ -223,6 +218,60 @@ class Network(nn.Module):
         return NetworkOutput(along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
 
 
+class PhoneNetwork(nn.Module):
+    """The network of phones, without a memory; used as `Network`.
+
+    Convolutions make a vector every 0.64 s. The displacement of the last second comes from the last one, beside the
+    mean of all, which says how the phone is carried.
+    """
+
+    arch: ClassVar[str] = CNN
+    width: ClassVar[int] = WIDTHS[0]
+    carried: ClassVar[str] = PHONE
+    inputs: ClassVar[int] = CNN_INPUTS
+    own_attitude: ClassVar[bool] = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers, inside = nn.ModuleList(), CNN_INPUTS
+        for outside, kernel in zip(WIDTHS, KERNELS, strict=True):
+            convolution = nn.Conv1d(inside, outside, kernel, 2, kernel // 2, bias=False)
+            self.layers.append(nn.Sequential(convolution, nn.BatchNorm1d(outside)))
+            inside = outside
+        self.dropout = nn.Dropout(0.2)
+        self.mix, self.head = nn.Linear(2 * inside, HIDDEN), nn.Linear(HIDDEN, 6)
+        self.scale: Tensor
+        self.register_buffer("scale", torch.tensor(SCALES[PHONE]).reshape(1, -1, 1), persistent=False)
+        self.claim: Tensor  # by which what is learned of standard deviations is multiplied
+        self.register_buffer("claim", torch.ones(1))
+
+    def forward(self, window: Tensor, height_m: Tensor, memory: None = None) -> tuple[NetworkOutput, None]:
+        """What is said of windows (N, `CHANNELS`, `WINDOW`) of people of heights (N,), 0 where unknown."""
+        taller = torch.where(height_m > 0, (height_m - USUAL_HEIGHT_M[0]) / USUAL_HEIGHT_M[1], 0.0)
+        person = torch.stack([taller, (height_m > 0).to(window.dtype)], dim=1)
+        seen = torch.cat([window / self.scale, person[:, :, None].expand(-1, -1, window.shape[2])], dim=1)
+        for layer in self.layers:
+            seen = torch.relu(layer(seen))
+        both = self.dropout(torch.cat([seen[:, :, -1], seen.mean(dim=2)], dim=1))
+        out = self.head(self.dropout(torch.relu(self.mix(both))))
+        spread = self.claim * torch.exp(out[:, [2, 4]].clamp(*LOG_SIGMA))
+        cross = self.claim * out[:, 3].clamp(-2.0, 2.0)
+        cholesky = torch.stack([spread[:, 0], torch.zeros_like(cross), cross, spread[:, 1]], dim=1).reshape(-1, 2, 2)
+        return NetworkOutput(out[:, :2], out[:, :2].norm(dim=1), out[:, :2], cholesky, out[:, 5]), None
+
+    def walks(self, window: Tensor, height_m: Tensor, memory: None = None) -> tuple[NetworkOutput, None]:
+        """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); the output has B T rows."""
+        output: NetworkOutput = self(window.flatten(0, 1), height_m.flatten())[0]
+        return output, None
+
+    def ask(self, features: FloatArray, height_m: float, memory: Any) -> tuple[WindowAnswer, Any]:
+        """What is said of one window (`CHANNELS`, `WINDOW`)."""
+        with one_thread(), torch.inference_mode():
+            said, _ = self(torch.from_numpy(features).float()[None], torch.tensor([height_m]).float())
+        move_m, cholesky_m = (one[0].numpy().astype(np.float64) for one in (said.move_m, said.cholesky_m))
+        return WindowAnswer(move_m, cholesky_m, float(said.standing[0])), memory
+
+
 def _rise_and_fall() -> Tensor:
     """(2 `HORIZON`,) weights of samples, a triangle whose sum is 1 s in units of a sample: m/s2 become m/s."""
     rise = (torch.arange(HORIZON) + 0.5) / HORIZON
@@ -266,6 +315,7 @@ def _tcn(width: int, inputs: int) -> nn.Module:
     return nn.Sequential(nn.Conv1d(inputs, width, 7, 2, 3), nn.ReLU(inplace=True), *blocks, _Last(), nn.Dropout(0.1))
 
 
+AnyNetwork = Network | PhoneNetwork
 ARCHITECTURES: Final = {"resnet": _resnet, "tcn": _tcn}
 
 

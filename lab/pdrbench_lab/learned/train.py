@@ -1,4 +1,4 @@
-"""Training: windows first, in short pieces of walks, then the memory, on whole walks; checkpoints after every epoch.
+"""Training of the network of feet: windows in short pieces of walks, then the memory, on whole walks; checkpoints.
 
 Windows are learned with squared errors, then Gaussian likelihood. Their layers are then kept, and the memory learns
 from whole walks, which costs little: each was passed through these layers three times before, each time with other
@@ -23,14 +23,13 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from pdrbench.errors import PdrbenchError
-from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
-from pdrbench_baselines.learned.constants import FEATURES, GAIT
-from pdrbench_lab.learned.batches import AUGMENTATION, REAL, Augmentation, Feed
-from pdrbench_lab.learned.data import BEARERS, FEET, USUAL, Windows, load_or_gather
-from pdrbench_lab.learned.gait import GaitNetwork
+from pdrbench_baselines.learned.attitude_sources import FOOT
+from pdrbench_baselines.learned.constants import FEATURES
+from pdrbench_lab.learned.batches import AUGMENTATION, REAL, Feed
+from pdrbench_lab.learned.data import FEET, Windows, load_or_gather
 from pdrbench_lab.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
 from pdrbench_lab.learned.model import Network, NetworkOutput, length_error, squared_error, surprise
-from pdrbench_lab.learned.weights import load_into, network_of, restore, store
+from pdrbench_lab.learned.weights import load_into, store
 
 MODEL: Final = "model.safetensors"  # the best one so far
 STATE: Final = "state.safetensors"
@@ -41,13 +40,6 @@ VIEWS: Final = 2  # of a walk, with other errors of its phone, while the memory 
 COURSE_WEIGHT: Final = 5.5  # ours: as of a standard deviation of 0.3 m, until the network gives its own
 LENGTH_WEIGHT: Final = 50.0  # ours: as of one of 0.1 m; likelihood alone hardly minds steps a twentieth too long
 WALK_WEIGHT: Final = 30.0  # ours: of the squared relative error of the length of a walk
-# Of a network of simulated people only, walks through malls are wrong by 7.2 % with all of it, by 6.5 % with half, by
-# 6.0 % with none; through the museum by 5.9, 5.4 and 6.5 %; those of other simulated people by 7.5, 7.2 and 10.0 %.
-STEP_TRUST: Final = 0.5
-NEAR_QUANTILE: Final = 0.95  # ours
-NOVELTY_PIECES: Final = 4000
-NOVELTY_RIDGE: Final = 0.01  # of the mean variance: features that never vary in training are no proof of anything
-STEP_WEIGHT: Final = 3.0  # ours: as of a standard deviation of 0.4 steps a second
 SHORT_WALK_M: Final = 5.0  # added to that length: who stands makes no relative error
 
 
@@ -74,39 +66,23 @@ class TrainParams:
         threads: Of torch, and processes that gather windows.
     """
 
-    arch: str = GAIT
-    width: int = 12
-    sources: tuple[str, ...] = USUAL
-    carried: str = PHONE
+    arch: str = "resnet"
+    width: int = 16
+    sources: tuple[str, ...] = (FEET,)
+    carried: str = FOOT
     people: int = 400
-    val_people: int = 64
-    epochs: int = 3
+    val_people: int = 100
+    epochs: int = 8
     warm_up: float = 0.3
-    batch: int = 24
-    memory_epochs: int = 8
-    memory_batch: int = 32
-    rate: float = 2e-3
+    batch: int = 12
+    memory_epochs: int = 30
+    memory_batch: int = 16
+    rate: float = 1.5e-3
     decay: float = 1e-2
-    mall_repeats: int = 1
+    mall_repeats: int = 2
     stand_weight: float = 0.05
     seed: int = 0
     threads: int = 1
-
-
-# Of `foot`, and but for sources and people of `phone_plain`.
-ON_FOOT: Final = TrainParams(
-    arch="resnet",
-    width=16,
-    sources=(FEET,),
-    carried=FOOT,
-    val_people=100,
-    epochs=8,
-    batch=12,
-    memory_epochs=30,
-    memory_batch=16,
-    rate=1.5e-3,
-    mall_repeats=2,
-)
 
 
 def train(
@@ -147,7 +123,7 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     kept = windows_in or out
     say(f"windows of {', '.join(params.sources)}; they are kept in {kept}, and made anew in some minutes")
-    others = FEET if params.carried == FOOT else BEARERS if BEARERS in params.sources else "people"
+    others = FEET if params.carried == FOOT else "people"
     windows = load_or_gather(kept, params.sources, params.people, recordings=recordings, jobs=params.threads)
     val = load_or_gather(kept, (others,), params.val_people, "val", jobs=params.threads)
     walks = len(np.unique(windows.walk))
@@ -175,13 +151,10 @@ def _finish(run: _Run, kept: Path, windows: Windows, val: Windows, val_feed: Fee
     path = run.out / MODEL
     if not path.is_file():
         raise PdrbenchError(f"{run.out}: no epoch was run; give at least one")
-    network = restore(path).to(run.device)
-    if isinstance(network, GaitNetwork):
-        fit_novelty(network, Feed(windows, run.device, PIECE_S), val_feed, run.how)
-        network.trust.fill_(STEP_TRUST)
-        fit_95_percent(network, val, val_feed)
-    else:
-        network = _fit_claim(network, val, val_feed)
+    network = run.network
+    load_into(network, load_file(path), path)
+    network.eval()
+    network = _fit_claim(network, val, val_feed)
     store(network, path)
     figures = window_figures(network, val_feed, val)
     manifests = {
@@ -190,46 +163,6 @@ def _finish(run: _Run, kept: Path, windows: Windows, val: Windows, val_feed: Fee
     card = {"params": asdict(run.params), "windows_sha256": manifests, "val": asdict(figures)}
     (run.out / "card.json").write_text(json.dumps(card, indent=1) + "\n")
     return figures
-
-
-def fit_novelty(network: GaitNetwork, feed: Feed, val_feed: Feed, how: Augmentation) -> None:
-    """Sets what features of training are like, and how far those of other people are: `NEAR_QUANTILE` of them are near.
-
-    Features of both are those of changed phones.
-    """
-    drawn = torch.randperm(len(feed), generator=torch.Generator().manual_seed(0))[:NOVELTY_PIECES]
-    rng = torch.Generator(feed.device).manual_seed(0)
-    with torch.no_grad():
-        seen = []
-        for which in torch.split(drawn, 64):
-            batch = feed.batch(which, rng, how)
-            features = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())[:, :FEATURES]
-            seen.append(features[batch.known].double())
-        features = torch.cat(seen)
-        mean = features.mean(dim=0)
-        covariance = torch.cov(features.T)
-        covariance += NOVELTY_RIDGE * covariance.diagonal().mean() * torch.eye(FEATURES, device=features.device)
-        network.usual_features.copy_(mean)
-        network.whitening.copy_(torch.linalg.cholesky(torch.linalg.inv(covariance)))
-        network.near.fill_(1.0)
-        far = []
-        for batch in val_feed.in_order(how):
-            features = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())[:, :FEATURES]
-            far.append(network.distance2(features)[batch.known])
-        network.near.fill_(float(torch.cat(far).quantile(NEAR_QUANTILE)))
-
-
-def fit_95_percent(network: GaitNetwork, val: Windows, feed: Feed) -> None:
-    """Multiplies standard deviations by a factor with which ellipses of 95 % hold so many errors of hands and pockets.
-
-    The larger of the two: the sigma for people unlike the simulated ones must not be too small.
-    """
-    network.claim.fill_(1.0)
-    outputs = window_outputs(network, feed)
-    in_pocket = val.pocket[outputs.number] == 1
-    groups = [outputs.whitened_squares[one] for one in (in_pocket, ~in_pocket) if one.any()]
-    quantile = max(float(np.quantile(squares, 0.95)) for squares in groups)
-    network.claim.fill_(float(np.sqrt(quantile / (-2.0 * np.log(0.05)))))
 
 
 def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
@@ -267,8 +200,8 @@ class _Run:
         self.out, self.params, self.device = out, params, device
         torch.use_deterministic_algorithms(device == "cpu")
         torch.manual_seed(params.seed)
-        self.network = network_of(params.arch, params.width, params.carried).to(device)
-        self.how = AUGMENTATION[GAIT if params.arch == GAIT else params.carried]
+        self.network = Network(params.arch, params.width, params.carried).to(device)
+        self.how = AUGMENTATION[params.carried]
         self.done = 0
         self.last = params.epochs + params.memory_epochs
         self._curve: list[dict[str, float]] = []
@@ -357,7 +290,6 @@ class _WindowPhase:
             batch = self._feed.batch(which, rng, run.how)
             outputs, _ = run.network.walks(batch.window, batch.height_m)
             loss = _loss(outputs, batch.move_m, batch.stands, batch.known, is_warm, p.stand_weight)
-            loss = loss + _step_error(outputs, batch.steps, batch.known)
             total += run.learn(loss, (epoch + step / len(parts)) / p.epochs) * len(which)
         return total / len(self._number)
 
@@ -374,7 +306,6 @@ class _MemoryPhase:
         shape = (VIEWS, *feed.walks.shape)
         self._seen = torch.zeros(*shape, FEATURES + network.change)
         self._move_m, self._stands = torch.zeros(*shape, 2), torch.zeros(shape)
-        self._steps = torch.zeros(shape)
         self._known = torch.zeros(shape, dtype=torch.bool)
         with torch.no_grad():
             for view in range(VIEWS):
@@ -386,7 +317,6 @@ class _MemoryPhase:
                     self._seen[here] = seen.reshape(count, seconds, -1).cpu()
                     self._move_m[here] = batch.move_m.reshape(count, seconds, 2).cpu()
                     self._stands[here] = batch.stands.reshape(count, seconds).cpu()
-                    self._steps[here] = batch.steps.reshape(count, seconds).cpu()
                     self._known[here] = batch.known.reshape(count, seconds).cpu()
         run.optimise([*network.memory.parameters(), *network.head.parameters()], run.params.epochs)
 
@@ -403,14 +333,12 @@ class _MemoryPhase:
             view = torch.randint(VIEWS, (len(which),), generator=rng, device=rng.device).cpu()
             known = self._known[view, which]
             seconds = int(known.any(dim=0).nonzero().max()) + 1
-            seen, move_m, stands, steps = (
-                one[view, which][:, :seconds].to(run.device)
-                for one in (self._seen, self._move_m, self._stands, self._steps)
+            seen, move_m, stands = (
+                one[view, which][:, :seconds].to(run.device) for one in (self._seen, self._move_m, self._stands)
             )
             known = known[:, :seconds].to(run.device)
             outputs, _ = run.network.remembering(seen)
             loss = _loss(outputs, move_m.flatten(0, 1), stands.flatten(), known.flatten(), True, p.stand_weight)
-            loss = loss + _step_error(outputs, steps.flatten(), known.flatten())
             loss = loss + WALK_WEIGHT * _walk_error(outputs, move_m, known).mean()
             total += run.learn(loss, (epoch - p.epochs + step / len(parts)) / p.memory_epochs) * len(which)
         return total / len(self._number)
@@ -422,15 +350,6 @@ def _walk_error(outputs: NetworkOutput, move_m: Tensor, known: Tensor) -> Tensor
     true_m = (move_m.norm(dim=2) * known).sum(dim=1)
     error: Tensor = ((own_m - true_m) / (true_m + SHORT_WALK_M)) ** 2
     return error
-
-
-def _step_error(outputs: NetworkOutput, steps: Tensor, known: Tensor) -> Tensor:
-    """Mean squared error of step rates where steps are known, weighed; 0 of a network that counts none."""
-    if outputs.steps_hz is None:
-        return outputs.length_m.sum() * 0.0
-    counted = known & torch.isfinite(steps)
-    error = torch.where(counted, outputs.steps_hz - steps, torch.zeros_like(steps))
-    return STEP_WEIGHT * error.square().sum() / counted.sum().clamp(min=1)
 
 
 def _loss(

@@ -17,7 +17,6 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.reckoning import EVERY_S, Reckoner
 from pdrbench_baselines.learned.row_checks import SENSORS
-from pdrbench_baselines.learned.signals import SLOW_S
 from pdrbench_baselines.li2012.localizer import GENERIC
 from pdrbench_lab.learned.data import EDGE_S, bent_way
 from pdrbench_lab.learned.measure import LEVELS, WALKS_M
@@ -25,9 +24,11 @@ from pdrbench_lab.learned.recordings import is_dense
 from pdrbench_lab.papers.li2012.model import walked_m
 
 if TYPE_CHECKING:
-    from pdrbench_lab.learned.model import Network
+    from pdrbench_lab.learned.model import AnyNetwork
 
 CHUNK_S: Final = 1.0
+# Ours: standard deviation of the Gaussian that keeps the motion of the body, with 0.02 of 1.8 Hz; the rest is shaking.
+SLOW_S: Final = 0.25
 SHORTEST_M: Final = 5.0  # of what is known of a walk: relative errors of less say nothing
 USED: Final = (*SENSORS, "mag")
 
@@ -53,7 +54,7 @@ class Reckoned:
         return np.column_stack([np.interp(t_s, knots_s, one) for one in path_m.T])
 
 
-def reckon(network: Network, recording: Recording) -> Reckoned:
+def reckon(network: AnyNetwork, recording: Recording) -> Reckoned:
     """Plays a recording to a network."""
     names = [name for name in USED if name in recording.streams]
     specs = {name: recording.streams[name].spec for name in names}
@@ -109,7 +110,7 @@ def without_rotation(recording: Recording) -> Recording:
     return replace(recording, streams={name: one for name, one in recording.streams.items() if name != "rotation"})
 
 
-def place_errors_m(network: Network, recordings: Iterable[Recording]) -> tuple[FloatArray, FloatArray]:
+def place_errors_m(network: AnyNetwork, recordings: Iterable[Recording]) -> tuple[FloatArray, FloatArray]:
     """Errors at the surveyed places of walks.
 
     Returns:
@@ -127,7 +128,7 @@ def place_errors_m(network: Network, recordings: Iterable[Recording]) -> tuple[F
 
 
 def walk_figures(
-    network: Network, recordings: Iterable[Recording], changed: Callable[[Recording], Recording] = lambda walk: walk
+    network: AnyNetwork, recordings: Iterable[Recording], changed: Callable[[Recording], Recording] = lambda walk: walk
 ) -> dict[str, float]:
     """Means over walks; where places are rare, over the legs that were walked straight, see `bent_way`.
 

@@ -13,13 +13,12 @@ from torch import Tensor
 
 from pdrbench.errors import DatasetError
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.constants import GAIT
+from pdrbench_baselines.learned.constants import CNN
 from pdrbench_baselines.learned.weight_files import FORM, PACKAGED, TRAIN, check_form, packaged_file, read_arrays
-from pdrbench_lab.learned.gait import GaitNetwork
-from pdrbench_lab.learned.model import Network
+from pdrbench_lab.learned.model import Network, PhoneNetwork
 
 
-def store(network: Network, path: Path) -> str:
+def store(network: Network | PhoneNetwork, path: Path) -> str:
     """Writes a network; returns the sha256 of the file."""
     tensors = {name: values.detach().cpu().contiguous() for name, values in network.state_dict().items()}
     own = {"arch": network.arch, "width": network.width, "carried": network.carried, "inputs": network.inputs}
@@ -29,17 +28,17 @@ def store(network: Network, path: Path) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def load_network(weights: str = "phone") -> Network:
+def load_network(weights: str = "phone") -> Network | PhoneNetwork:
     """The network of a name in `PACKAGED`, known by its hash, or in a file, in PyTorch."""
     return packaged(weights) if weights in PACKAGED else restore(Path(weights))
 
 
-def packaged(name: str) -> Network:
+def packaged(name: str) -> Network | PhoneNetwork:
     """One of the networks in `PACKAGED`, known by its hash."""
     return restore(packaged_file(name), PACKAGED[name])
 
 
-def restore(path: Path, sha256: str | None = None) -> Network:
+def restore(path: Path, sha256: str | None = None) -> Network | PhoneNetwork:
     """A network as it was stored, ready to be asked.
 
     Args:
@@ -68,9 +67,9 @@ def read(
     return {name: torch.from_numpy(values) for name, values in arrays.items()}, form
 
 
-def network_of(arch: str, width: int, carried: str) -> Network:
-    """A new network: `GaitNetwork` for the architecture "gait"."""
-    return GaitNetwork(width, carried) if arch == GAIT else Network(arch, width, carried)
+def network_of(arch: str, width: int, carried: str) -> Network | PhoneNetwork:
+    """A new network: `PhoneNetwork` for the architecture "cnn"."""
+    return PhoneNetwork() if arch == CNN else Network(arch, width, carried)
 
 
 def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -> None:

@@ -27,16 +27,23 @@ def windows(count: int = 12) -> FloatArray:
 
 
 def test_it_remembers() -> None:
-    network, (one, two, *_) = compiled_network("phone_plain"), windows()
+    network, (one, two, *_) = compiled_network("foot"), windows()
     _, memory = network.ask(one, 0.0, None)
     assert np.abs(network.ask(two, 0.0, memory)[0].move_m - network.ask(two, 0.0, None)[0].move_m).max() > 1e-3
     np.testing.assert_array_equal(memory, network.ask(one, 0.0, None)[1])
 
 
-def test_other_weights_are_refused(tmp_path: Path) -> None:
-    path = packaged_file("phone")
-    arrays, form = read_arrays(path, PACKAGED["phone"])
-    for name in ("trunk.0.weight", "trunk.6.way.weight", "memory.weight_hh_l0", "head.2.bias", "whitening"):
+@pytest.mark.parametrize(
+    ("packaged", "names"),
+    [
+        ("foot", ("trunk.0.weight", "trunk.6.way.weight", "memory.weight_hh_l0", "head.2.bias")),
+        ("phone", ("layers.0.0.weight", "layers.3.1.running_var", "mix.weight", "claim")),
+    ],
+)
+def test_other_weights_are_refused(packaged: str, names: tuple[str, ...], tmp_path: Path) -> None:
+    path = packaged_file(packaged)
+    arrays, form = read_arrays(path, PACKAGED[packaged])
+    for name in names:
         with pytest.raises(DatasetError, match="of another network"):
             CompiledNetwork({key: value for key, value in arrays.items() if key != name}, form, path)
         cut = {key: value[..., :-1] if key == name else value for key, value in arrays.items()}
@@ -47,7 +54,7 @@ def test_other_weights_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="this version expects"):
         CompiledNetwork(arrays, form | {"rate_hz": 100.0}, path)
     with pytest.raises(DatasetError, match="sha256"):
-        read_arrays(path, PACKAGED["phone_plain"])
+        read_arrays(path, "0" * 64)
     with pytest.raises(DatasetError, match="cannot be read"):
         compiled_network(str(tmp_path / "none.safetensors"))
     (tmp_path / "text.safetensors").write_text(json.dumps(form))
