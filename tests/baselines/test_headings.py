@@ -33,7 +33,7 @@ class Walks:
     carried, own_attitude = PHONE, True
 
     def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
-        return WindowAnswer(np.array([1.0, 0.0]), 1.0, 0.2 * np.eye(2), -9.0, None, math.nan), memory
+        return WindowAnswer(np.array([1.0, 0.0]), 0.2 * np.eye(2), -9.0), memory
 
 
 def briefing(*sensors: str, heading_rad: float | None = None) -> Briefing:
