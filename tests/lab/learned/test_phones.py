@@ -20,28 +20,29 @@ from pdrbench_lab.learned.weights import load_network, restore  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def walks() -> dict[str, Recording]:
-    """A minute of a simulated person of each of two kinds, of those who are in no training."""
-    return {kind: train_bearer(0, group="val", kinds=(kind,), walk_s=60.0)[0] for kind in ("usual", "cart")}
+def walks() -> dict[str, list[Recording]]:
+    """A minute of four simulated people of each of two kinds, of those who are in no training."""
+    kinds = ("usual", "cart")
+    return {kind: [train_bearer(n, group="val", kinds=(kind,), walk_s=60.0)[0] for n in range(4)] for kind in kinds}
 
 
 def length_m(walk: Recording) -> float:
     return float(np.hypot(*reckon(load_network("phone"), walk).move_m.T).sum())
 
 
-def test_distances_and_ellipses_of_people_never_seen(walks: dict[str, Recording]) -> None:
-    usual, cart = (walk_figures(load_network("phone"), [walks[kind]]) for kind in ("usual", "cart"))
+def test_distances_and_ellipses_of_people_never_seen(walks: dict[str, list[Recording]]) -> None:
+    usual, cart = (walk_figures(load_network("phone"), walks[kind]) for kind in ("usual", "cart"))
     assert usual["distance_pct"] < 15.0
     assert min(usual["coverage_95_pct"], cart["coverage_95_pct"]) > 85.0
 
 
-def test_an_attitude_is_computed_where_the_phone_reports_none(walks: dict[str, Recording]) -> None:
-    walk = walks["usual"]
+def test_an_attitude_is_computed_where_the_phone_reports_none(walks: dict[str, list[Recording]]) -> None:
+    walk = walks["usual"][0]
     assert length_m(without_rotation(walk)) == pytest.approx(length_m(walk), rel=0.05)
 
 
-def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, Recording]) -> None:
-    walk, ends_m = without_rotation(walks["usual"]), []
+def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, list[Recording]]) -> None:
+    walk, ends_m = without_rotation(walks["usual"][0]), []
     specs = {name: one.spec for name, one in walk.streams.items()}
     rows = {name: one.rows for name, one in walk.streams.items()}
     for heading_rad in (0.3, 1.3):
