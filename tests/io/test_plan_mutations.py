@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 import shapely
 from plan_mutations import changed, pick
-from plan_samples import FOREIGN, MADE, house, picture, plain
+from plan_samples import FOREIGN, MADE, dxf, feature, house, picture, plain, rectangle
 
 from pdrbench.building.connectivity import reachable_parts
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench_formats.detect import read_plan
+from pdrbench_formats.maps.assembly.doors import doorway_beside
 from pdrbench_formats.maps.assembly.shapes import eroded
+from pdrbench_formats.maps.stacks import _overlap
 
 NUM = int(os.environ.get("PLAN_MUTATIONS", "6"))  # of each format
 PLANS: dict[str, Callable[[Path], Path]] = {
@@ -51,8 +53,7 @@ def test_a_changed_plan_is_a_building_or_the_documented_error(kind: str, tmp_pat
     whole = worst.read_bytes()
     for _ in range(NUM):
         mutated(rng, worst, whole)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of numbers that overflow
+        with warnings.catch_warnings(action="ignore"):  # of numbers that overflow
             try:
                 plan = read_plan(path, doors="nearest")
             except PdrbenchError as error:
@@ -96,10 +97,8 @@ def test_damage_that_a_fuzzer_found_in_pictures_is_the_documented_error(tmp_path
     pytest.importorskip("skimage")
     path = picture(tmp_path)
     image, table = path.with_suffix(".png"), path.with_suffix(".toml")
-    whole, name_alone = image.read_bytes(), b"a profile with a name and nothing else"
-    chunk = b"iCCP" + name_alone
-    header = 8 + 25  # of the file, and its first chunk
-    damaged = len(name_alone).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    whole, chunk, header = image.read_bytes(), b"iCCPa profile with a name and nothing else", 8 + 25
+    damaged = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     image.write_bytes(whole[:header] + damaged + whole[header:])
     with pytest.raises(MapError, match="no picture that can be read"):
         read_plan(path)
@@ -115,6 +114,19 @@ def test_a_floor_with_many_holes_shrinks_as_a_buffer_does(rng: np.random.Generat
     holes = shapely.union_all(shapely.buffer(dots, 0.2, quad_segs=2))
     yard = shapely.box(0, 0, 40, 20).difference(shapely.box(21, 1, 39, 19))
     floor = yard.difference(holes).union(shapely.box(25, 5, 35, 15).difference(shapely.box(28, 8, 30, 10)))
-    assert (
-        shapely.symmetric_difference(eroded(floor, 0.4), floor.buffer(-0.4)).area < 1e-3 * floor.area
-    )  # arcs are of chords
+    assert shapely.symmetric_difference(eroded(floor, 0.4), floor.buffer(-0.4)).area < 1e-3 * floor.area
+
+
+def test_copies_knots_and_far_vertices_change_little(tmp_path: Path) -> None:
+    drawing = pytest.importorskip("ezdxf").readfile(path := dxf(tmp_path, in_block=True))
+    drawing.blocks.get("WALLS").add_blockref("WALLS", (0, 0))
+    plans = [read_plan(path), (drawing.saveas(path), read_plan(path))[1]]
+    ring = [(x + k * 1e-5, y) for k in range(300) for x, y in rectangle(1, 1, 1.1, 1.1)]
+    copies = [feature("room", "Polygon", [rectangle(0, 0, 5 - k * 1e-5, 4)], level=0, id=f"{k}") for k in range(300)]
+    for more in ([], copies, [feature("wall", "LineString", ring, level=0)]):
+        plans.append(read_plan(plain(house() + more, tmp_path / "a.geojson")))
+    areas = [sum(polygon.area_m2 for polygon in plan.building.polygons) for plan in plans]
+    assert areas == pytest.approx([areas[0], areas[0], areas[2], areas[2], areas[2] - 0.04], abs=1e-2)
+    room, triangles = shapely.box(0, -4, 6, -0.2), [shapely.Polygon([(0, 0), (6, 0), (x, 3)]) for x in (6, 5e4)]
+    assert shapely.equals_exact(*(doorway_beside(shape, [room], 0.9) for shape in triangles), 1e-6)
+    assert _overlap(shapely.Polygon(ring), shapely.box(0, 0, 2, 2)) <= 1

@@ -24,7 +24,7 @@ from pdrbench_formats.maps.assembly.cells import cells_of, clean
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, ConnectionKind, DrawnLevel, RepairLog
 from pdrbench_formats.maps.assembly.joining import JoinedPolygons, add_flights
 from pdrbench_formats.maps.assembly.shafts import lay_out_shaft, place_parts, shafts_of
-from pdrbench_formats.maps.assembly.shapes import simple_parts, unique_id, valid_polygons
+from pdrbench_formats.maps.assembly.shapes import simple_parts, thickened, unique_id, valid_polygons
 from pdrbench_formats.maps.plan import Plan, Repair, suspicions
 
 CONNECTION_KINDS: Final = ("stairs", "escalator", "lift")
@@ -127,7 +127,7 @@ class BuildingBuilder:
                 place.walls += self._polygons(part, f"a wall on level {place.number}", place.number)
             elif part.geom_type in ("LineString", "LinearRing") and part.length > 0:
                 half_m = (WALL_M if thickness_m is None else thickness_m) / 2
-                place.walls.append(shapely.buffer(part, half_m, cap_style="square", join_style="mitre"))
+                place.walls.append(thickened(part, half_m, "square"))
         return self
 
     def add_door(

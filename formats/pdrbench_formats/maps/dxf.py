@@ -126,17 +126,19 @@ def _document(path: Path) -> Any:
     return document
 
 
-def _entities(entities: Iterable[Any], block_layer: str = "0", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Entities with their layers; blocks are left whole on layers of doors and taken apart on others.
+def _entities(
+    entities: Iterable[Any], block_layer: str = "0", within: tuple[str, ...] = (), *, whole: str = "door"
+) -> Iterator[tuple[str, Any]]:
+    """Entities with their layers; blocks are left whole on layers of doors (`whole`) and taken apart on others.
 
-    What lies on layer 0 of a block is on the layer that the block is inserted on.
+    What lies on layer 0 of a block is on the layer that the block is inserted on. A block in itself is left out.
     """
     for entity in entities:
         layer = _layer(entity) if _layer(entity) != "0" else block_layer
-        if entity.dxftype() == "INSERT" and kind_of(layer) != "door" and depth < MAX_BLOCKS:
-            yield from _entities(entity.virtual_entities(), layer, depth + 1)
-        else:
+        if entity.dxftype() != "INSERT" or kind_of(layer) == whole:
             yield layer, entity
+        elif len(within) < MAX_BLOCKS and (name := str(entity.dxf.get("name")).lower()) not in within:
+            yield from _entities(entity.virtual_entities(), layer, (*within, name), whole=whole)
 
 
 def _geometry(entity: Any, kind: str) -> Any:
@@ -144,7 +146,8 @@ def _geometry(entity: Any, kind: str) -> Any:
     from ezdxf import path as paths
 
     if entity.dxftype() == "INSERT":
-        parts = [shape for part in entity.virtual_entities() if (shape := _geometry(part, "")) is not None]
+        inner = (_geometry(part, "") for _, part in _entities([entity], whole="all"))
+        parts = [shape for shape in inner if shape is not None]
         return shapely.oriented_envelope(shapely.union_all(parts)) if parts else None
     if entity.dxftype() == "POINT":
         return shapely.Point(*entity.dxf.location.vec2)

@@ -183,7 +183,7 @@ class _Opened:
         """Rings and neighbours of a polygon with what was inserted into its edges."""
         building, polygon = self._building, self._building.polygons[number]
         edges = slice(first := int(building.first_edge[number]), first + len(polygon.neighbour))
-        cuts = [(k, cut) for k in sorted(self._inserted) if edges.start <= k < edges.stop for cut in self._inserted[k]]
+        cuts = [(k, cut) for k in range(edges.start, edges.stop) for cut in self._inserted.get(k, [])]
         at = [k - first + 1 for k, (_, points, _) in cuts for _ in points]
         points = np.array([place for _, (_, points, _) in cuts for place in points]).reshape(-1, 2)
         ends = np.cumsum([len(ring) for ring in polygon.rings])

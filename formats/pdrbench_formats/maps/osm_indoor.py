@@ -25,6 +25,7 @@ from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.reader import HEAD_BYTES, Head, Reader
 from pdrbench_formats.maps import files
+from pdrbench_formats.maps.assembly.shapes import thickened
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, level_number, read_features, to_metres
 from pdrbench_formats.maps.plan import Plan
@@ -129,7 +130,7 @@ def _with_door_levels(features: list[Feature]) -> list[Feature]:
     def levels(door: Feature) -> str:
         near = tree.query(door.shape, predicate="dwithin", distance=ON_WALL_DEG)
         tags = [walls[int(k)].tags for k in near]
-        return ";".join(value for tag in tags for value in (tag["level"], tag.get("repeat_on", "")) if value)
+        return ";".join({value: 0 for tag in tags for value in (tag["level"], tag.get("repeat_on", "")) if value})
 
     return [
         replace(feature, tags={**feature.tags, "level": levels(feature)})
@@ -170,7 +171,7 @@ def _outlined(shape: Any, kind: str, width_m: float | None) -> Any:
         return shape
     if shape.geom_type == "Point":
         return shape.buffer(LIFT_M / 2, cap_style="square")
-    return shape.buffer((width_m or WIDTHS_M[kind]) / 2, cap_style="flat", join_style="mitre")
+    return thickened(shape, (width_m or WIDTHS_M[kind]) / 2, "flat")
 
 
 def _add(

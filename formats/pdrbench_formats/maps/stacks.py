@@ -78,4 +78,6 @@ def join_stacks(builder: BuildingBuilder, outlines: Sequence[Outline]) -> None:
 
 def _overlap(one: Any, other: Any) -> float:
     """Common area, as a fraction of the smaller."""
+    # Of an outline that crosses itself hundreds of times GEOS takes ten seconds to say that it has no intersection.
+    one, other = shapely.make_valid([one, other], method="structure", keep_collapsed=False)
     return float(shapely.intersection(one, other).area / max(min(one.area, other.area), 1e-9))

@@ -21,6 +21,7 @@ GAP_M: Final = 0.03  # enclosed gaps narrower than this are filled, necks of flo
 MIN_PART_M2: Final = 0.3  # smaller parts of a floor that walls cut off are dropped: too small to stand on
 MIN_WIDTH_M: Final = 0.25  # narrower ones as well, such as the inside of a wall that is drawn as two lines
 MAX_FOUND_DOORS: Final = 250  # of a level: noise has thousands of gaps; those left are floor as before
+MAX_BEFORE: Final = 30  # areas beside or below another that are joined for it alone
 MAX_CUTS: Final = 4  # rounds in which rings that touch are kept apart
 
 
@@ -91,12 +92,14 @@ def _apart(cells: Sequence[Cell]) -> list[Cell]:
     """Cells without the area of those before them."""
     tree = shapely.STRtree([cell.shape for cell in cells])
     found = []
+    joined, members = shapely.Polygon(), set[int]()
     for i, cell in enumerate(cells):
-        before = [int(j) for j in tree.query(cell.shape, predicate="intersects") if j < i]
-        shape = cell.shape
-        if before:
-            shape = without(shape, shapely.union_all([cells[j].shape for j in before]))
-        found.append(replace(cell, shape=shape))
+        before = {int(j) for j in tree.query(cell.shape, predicate="intersects") if j < i}
+        others = shapely.union_all([cells[j].shape for j in sorted(before)]) if len(before) <= MAX_BEFORE else None
+        if others is None:  # copies of one area by the hundred: each is joined once; all joined are before this one
+            joined = shapely.union_all([joined, *(cells[j].shape for j in sorted(before - members))])
+            others, members = joined, members | before
+        found.append(replace(cell, shape=without(cell.shape, others) if before else cell.shape))
     return found
 
 

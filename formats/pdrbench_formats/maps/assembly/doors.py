@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,6 +18,8 @@ from pdrbench_formats.maps.assembly.shapes import common, eroded, large_parts, w
 MIN_DOOR_M: Final = 0.3  # a narrower opening is no door
 DOOR_REACHES_M: Final = (0.05, 0.12, 0.25, 0.45, 0.7)  # from the line of a door to the floor on both sides
 MAX_THIN_WALL_M: Final = 0.5  # a stair without a door is opened through a wall up to this thick
+PLACE_M: Final = 0.4  # between places along an outline where a stair may be opened
+MAX_PLACES: Final = 5000  # of an outline: one of kilometres has them farther apart
 MAX_FOUND_DOOR_M: Final = 1.3  # a wider gap between two parts of a floor is no door
 MAX_FOUND_NECK_M: Final = 0.5  # nor is one that is longer: that is a corridor
 
@@ -113,9 +114,8 @@ def _door_on_line(geometry: Any, width_m: float, cells: Sequence[Cell], tree: An
         return None
     normal = np.array([-along[1], along[0]]) / length_m
     for reach_m in DOOR_REACHES_M:
-        left, right = (_strip(ends, sign * reach_m * normal) for sign in (1.0, -1.0))
         if all(_floor_at_end(ends, sign * reach_m * normal, cells, tree) for sign in (1.0, -1.0)):
-            return shapely.union(left, right)
+            return shapely.union(*(_strip(ends, sign * reach_m * normal) for sign in (1.0, -1.0)))
     return None
 
 
@@ -154,23 +154,28 @@ def doorway_beside(shape: Any, others: Sequence[Any], width_m: float) -> Any:
     """A rectangle from an outline through the thinnest wall to the floor behind it; None where no floor is near."""
     if not others:
         return None
-    tree = shapely.STRtree(others)
+    tree, ring = shapely.STRtree(others), shapely.get_coordinates(shape.exterior)
+    wide = np.hypot(*np.diff(ring, axis=0).T) >= width_m
+    starts, along = ring[:-1][wide], np.diff(ring, axis=0)[wide]
+    units = along / (lengths_m := np.hypot(*along.T))[:, None]
+    counts = np.maximum(1, lengths_m / max(PLACE_M, lengths_m.sum() / MAX_PLACES)).astype(int)
+    edge = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    middle_m = width_m / 2 + number * ((lengths_m - width_m) / np.maximum(counts - 1, 1))[edge]
+    outs = np.stack([units[:, 1], -units[:, 0]], axis=1) * (1.0 if shape.exterior.is_ccw else -1.0)
+    middles = starts[edge] + middle_m[:, None] * units[edge]
+    rays = shapely.linestrings(np.stack([middles, middles + MAX_THIN_WALL_M * outs[edge]], axis=1))
+    ray, other = tree.query(rays, predicate="intersects")
+    gaps_m = np.full(len(rays), math.inf)
+    hits = shapely.intersection(rays[ray], np.array(others)[other])
+    np.minimum.at(gaps_m, ray, shapely.distance(shapely.points(middles[ray]), hits))
     best: tuple[float, Any] = math.inf, None
-    for a, b in itertools.pairwise(shapely.get_coordinates(shape.exterior)):
-        length_m = float(np.hypot(*(b - a)))
-        if length_m < width_m:
+    for k in np.flatnonzero(np.isfinite(gaps_m)):
+        if gaps_m[k] >= best[0] - 1e-3:
             continue
-        unit = (b - a) / length_m
-        out = np.array([unit[1], -unit[0]]) * (1.0 if shape.exterior.is_ccw else -1.0)
-        for middle_m in np.linspace(width_m / 2, length_m - width_m / 2, max(1, int(length_m / 0.4))):
-            ends = np.array([a + (middle_m - width_m / 2) * unit, a + (middle_m + width_m / 2) * unit])
-            middle = shapely.Point(ends.mean(axis=0))
-            ray = shapely.LineString([ends.mean(axis=0), ends.mean(axis=0) + MAX_THIN_WALL_M * out])
-            hits = [shapely.intersection(ray, others[int(i)]) for i in tree.query(ray, predicate="intersects")]
-            gap_m = min((shapely.distance(middle, hit) for hit in hits), default=math.inf)
-            if gap_m >= best[0] - 1e-3:
-                continue
-            far = shapely.LineString(ends + (gap_m + 0.04) * out)
-            if sum(shapely.intersection(far, others[int(i)]).length for i in tree.query(far)) > 0.8 * width_m:
-                best = float(gap_m), shapely.orient_polygons(_strip(ends - 0.05 * out, (gap_m + 0.1) * out))
+        out, half = outs[edge[k]], width_m / 2 * units[edge[k]]
+        ends = np.array([middles[k] - half, middles[k] + half])
+        far = shapely.LineString(ends + (gaps_m[k] + 0.04) * out)
+        if sum(shapely.intersection(far, others[int(i)]).length for i in tree.query(far)) > 0.8 * width_m:
+            best = float(gaps_m[k]), shapely.orient_polygons(_strip(ends - 0.05 * out, (gaps_m[k] + 0.1) * out))
     return best[1]

@@ -16,6 +16,7 @@ from pdrbench_formats.maps.assembly.drawing import RepairLog
 
 GRID_M: Final = 1e-6  # finer than any drawing, coarser than what is left of a coordinate in degrees
 SLIT_M: Final = 0.01  # narrower ones are no gap that anyone drew
+MAX_CROSSED: Final = 100  # vertices of a line that crosses itself; more are thickened edge by edge
 MAX_LOST_M2: Final = 1e-3  # smaller differences of an overlay are those of the grid
 
 
@@ -92,6 +93,14 @@ def sound(shape: Any, *, slit_m: float = 0.0) -> Any:
         mended = mended.buffer(slit_m, join_style="mitre").buffer(-slit_m, join_style="mitre")
     mended = shapely.set_precision(mended, GRID_M)
     return max(large_parts(mended, 0.0), key=shapely.area, default=shapely.Polygon())
+
+
+def thickened(line: Any, by_m: float, cap: str) -> Any:
+    """What lies within so much of a line; of a long one that crosses itself edge by edge: a buffer takes seconds."""
+    if shapely.get_num_coordinates(line) > MAX_CROSSED and not line.is_simple:
+        edges = [edge for part in shapely.get_parts(line) for edge in itertools.pairwise(shapely.get_coordinates(part))]
+        return shapely.union_all(shapely.buffer(shapely.linestrings(edges), by_m, cap_style="square"))
+    return shapely.buffer(line, by_m, cap_style=cap, join_style="mitre")
 
 
 def is_sound(rings: Iterable[FloatArray]) -> bool:
