@@ -125,6 +125,8 @@ def test_tables_of_two_devices_are_refused(phone_walk: Rows, tmp_path: Path) -> 
         (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(100), "writetable"),
         (b"\x80\x04\x95" + bytes(50), "a pickle"),
         (b"[" + 5000 * b"0, " + b"0]", "in no format"),  # nor a table of one row, which took 3 s
+        (b"a,b,c,d\n1,2,3,4\n", "no time and sensor"),
+        (b"[" + 30_000 * b" " + b"1]", "in no format"),  # took the square of its spaces to search
     ],
 )
 def test_files_of_other_programs_are_refused_with_the_way_out(tmp_path: Path, content: bytes, message: str) -> None:

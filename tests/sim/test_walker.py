@@ -117,7 +117,7 @@ def test_the_band_agrees_with_a_readable_reference(office, mesh):
     walls = walls_along(office, xy_m, polygon, 1.6, 20)
     settings = (40, 0.4, 0.9, 0.1, 0.5)
     band = xy_m.copy()
-    relax_band(band, walls.point, walls.start_xy_m, walls.end_xy_m, *settings)
+    relax_band(band, walls.point, walls.start_xy_m.T, walls.end_xy_m.T, *settings)
     np.testing.assert_allclose(band, relaxed(xy_m, walls, *settings), atol=1e-9)
     np.testing.assert_array_equal(band[[0, -1]], xy_m[[0, -1]])
     assert np.abs(band - xy_m).max() > 0.1

@@ -51,7 +51,9 @@ _DEGREES_CRS: Final = ("CRS84", "EPSG::4326", "EPSG:4326")
 _MERCATOR_CRS: Final = ("3857", "900913", "3785")  # a metre of it is no metre
 
 
-_WKT: Final = re.compile(rb"\W*(?:SRID=\d+;)?(?:MULTI)?(?:POLYGON|LINESTRING|POINT)\s*[ZM]{0,2}\s*\(.*", re.I | re.S)
+_WKT: Final = re.compile(  # bounded: a search for spaces without end takes the square of their number
+    rb"\W{0,8}(?:SRID=\d{1,9};)?(?:MULTI)?(?:POLYGON|LINESTRING|POINT)\s{0,8}[ZM]{0,2}\s{0,8}\(.*", re.I | re.S
+)
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
 _RECORD_MARK: Final = b"\x1e"  # before each feature, RFC 8142
 

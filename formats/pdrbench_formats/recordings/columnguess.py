@@ -153,7 +153,7 @@ def guess_by_place(table: DelimitedTable, rate_hz: float | None = None, **layout
     names = list(table.columns)
     times = _growing(table, names)[:1]
     names = names[names.index(times[0]) + 1 if times else 0 :]
-    changing = [name for name in names if len(values := _seen(table, [name])) and np.ptp(np.diff(values[:, 0]))]
+    changing = [name for name in names if len(values := _seen(table, [name])) > 1 and np.ptp(np.diff(values[:, 0]))]
     vectors = [tuple(changing[k : k + 3]) for k in range(0, len(changing) - 2, 3)]
     force = next((vector for vector in vectors if _is_force(table, vector)), None)
     if force is None:
