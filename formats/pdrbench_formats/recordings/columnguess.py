@@ -29,7 +29,7 @@ _SIGN_BIT: Final = 32_768.0
 _DPS_FOR_G: Final = 125.0  # of ranges as they are paired: 2 g and 250 degrees/s, 16 g and 2000
 _TICKS_S: Final = (1e-7, 1e-4, 1e-2, 1 / 32_768)  # of clocks that count neither of the usual units
 _PACE_S: Final = (0.35, 1.5)  # from step to step or stride to stride
-_ANY_PACE_S: Final = (0.2, 3.0)  # beyond, nobody walks
+_ANY_PACE_S: Final = (0.2, 3.0)  # beyond, it is no walk
 _MIN_ALIKE: Final = 0.3  # correlation of one step and the next
 _RARE_S: Final = (1e-4, 2.0)  # no less and no more, whatever a header states
 
@@ -296,7 +296,7 @@ def time_unit_of(table: DelimitedTable, name: str) -> str:
 
 
 def _paced(table: DelimitedTable, found: Mapping[str, Any], unit: str) -> Any:
-    """A unit of time; another where the steps of a walk would be too fast or too slow in it for anybody."""
+    """A unit of time; another where the steps of a walk would be too fast or too slow in it."""
     step = usual_step(table, found["time"]) if unit != "datetime" and "accel" in found else 0.0
     size = lengths(_seen(table, found["accel"])) if step else np.zeros(0)
     if len(size) < MIN_ROWS:

@@ -116,7 +116,7 @@ def train_cnn(
         total = loss + SPREAD_WEIGHT * surprise(replace(said, move_m=said.move_m.detach()), batch.move_m).mean()
         total = total + STAND_WEIGHT * nn.functional.binary_cross_entropy_with_logits(said.standing, batch.stands)
         optimiser.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]
+        torch.autograd.backward(total)
         nn.utils.clip_grad_norm_(network.parameters(), MAX_GRADIENT)
         optimiser.step()
         schedule.step()

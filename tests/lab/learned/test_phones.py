@@ -55,7 +55,7 @@ def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, lis
         localizer.reset(Briefing(None, specs, 60.0, start=Start(np.zeros(2), 0)), np.random.default_rng(0))
 
 
-def test_training_learns_is_the_same_again_and_leaves_walks_out(tmp_path) -> None:
+def test_training_is_the_same_again_and_leaves_walks_out(tmp_path) -> None:
     params = CnnParams({"bearers": 1.0}, people=3, val_people=1, steps=60, batch=32)
     first, again = (train_cnn(tmp_path / name, params, windows_in=tmp_path) for name in ("one", "two"))
     for one, other in zip(first.state_dict().values(), again.state_dict().values(), strict=True):
