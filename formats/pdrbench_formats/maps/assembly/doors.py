@@ -57,7 +57,7 @@ def door_gaps(shape: Any) -> list[Any]:
     """
     half_m = MAX_FOUND_DOOR_M / 2
     cores = large_parts(eroded(shape, half_m), 0.0)
-    rooms = [core.buffer(half_m) for core in cores]
+    rooms = [core.buffer(half_m / 6).buffer(5 * half_m / 6) for core in cores]  # in two steps: see `eroded`
     found: list[Any] = []
     if len(rooms) < 2:
         return found
