@@ -277,6 +277,16 @@ def test_fields_do_not_depend_on_what_was_asked_for_before(radio: RadioEvidence)
             np.testing.assert_allclose(part.variance_db2, whole.variance_db2, rtol=1e-4)
 
 
+def test_a_scan_of_new_access_points_is_weighed_strongest_first(radio: RadioEvidence) -> None:
+    new, rows = RadioEvidence(radio.radio_map, BOTH, radio.params, 1.0), sweep((15.0, 10.0), 1, 0.0)
+    new.begin(1.0, max_work=0.0)
+    parts = list(new.update(rows))
+    while new.waits:
+        parts += new.update(rows[:0])
+    best = np.argmax(np.sum(parts, axis=0).sum(axis=1))
+    assert 1 < len(parts) <= len(rows) and new.level[best] == 1 and math.dist(new.xy_m[best], (15.0, 10.0)) < 4.0
+
+
 def test_of_what_is_left_a_scan_says_the_same(radio: RadioEvidence) -> None:
     def second_scan(evidence: RadioEvidence, *levels: int, offset: int | None = None) -> FloatArray:
         evidence.begin(1.0)

@@ -37,6 +37,7 @@ from pdrbench_baselines.learned.signals import turned
 KEPT_DOUBT: Final = 0.9  # of doubts of a plan, from one second to the next
 OFF_FLOOR_M: Final = 1.0  # a start farther than that off the floor of a plan is not on that plan
 MIN_FREE: Final = 1e-4  # of the particles, that walls let through, for its logarithm
+MAX_WORK: Final = 2e7  # of fitting fields in a step: 0.15 s; a first scan in one of the malls has nine times that
 MIN_OFFSET: Final = 0.01  # an offset of the device that fewer particles have is left out
 
 
@@ -114,7 +115,7 @@ class Fusion(NetworkLocalizer):
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
             self._walk(move)
-        if self._radio is not None and len(observation["wifi"]):
+        if self._radio is not None and (len(observation["wifi"]) or self._radio.waits):
             if self._start_is_known:
                 self._focus()
             for log_likelihood in self._radio.update(observation["wifi"]):
@@ -221,7 +222,7 @@ class Fusion(NetworkLocalizer):
         if near_trust and radio.fingerprints is None:
             wifi = briefing.sensors["wifi"]
             radio.fingerprints = FingerprintEvidence(radio_map, wifi, own.fingerprints, radio.xy_m, radio.level)
-        radio.begin(trust, near_trust)
+        radio.begin(trust, near_trust, MAX_WORK)
         return radio
 
     def _scans_of(self, radio_map: RadioMap) -> ScanTrustParams:

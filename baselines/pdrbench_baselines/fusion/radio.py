@@ -84,8 +84,13 @@ class RadioEvidence:
         self.fingerprints: FingerprintEvidence | None = None
         self.begin(1.0)
 
-    def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:
-        """Begins another walk; likelihoods, and densities of `fingerprints`, are taken to these powers."""
+    def begin(self, trust: float, fingerprint_trust: float = 0.0, max_work: float = math.inf) -> None:
+        """Begins another walk; likelihoods, and densities of `fingerprints`, are taken to these powers.
+
+        Readings wait for later updates where their new fields are more work than `max_work` (`SignalMap.work`).
+        """
+        self._max_work, self._new_part = max_work, 1.0
+        self._waiting: list[FloatArray] = []
         self._numbers = range(len(self.places.levels))  # of the levels on which scans are evaluated
         self._offsets = np.arange(len(self.prior))
         self._scanned_s = -math.inf
@@ -106,19 +111,29 @@ class RadioEvidence:
             self._numbers = range(int(on[0]), int(on[-1]) + 1)
         self._offsets = np.flatnonzero(is_left)
 
+    @property
+    def waits(self) -> bool:
+        """Whether readings wait for a later update."""
+        return len(self._waiting) > 0
+
     def update(self, rows: FloatArray) -> Iterator[FloatArray]:
-        """Log-likelihoods (N, K), up to a constant, of all scans among the next rows together; very low elsewhere."""
-        if not len(rows):
+        """Log-likelihoods (N, K), up to a constant, of all scans among the next rows together; very low elsewhere.
+
+        Of a scan with many new access points the strongest readings come first, the others with the next updates.
+        """
+        if not len(rows) and not self.waits:
             return
         places = slice(int(self.places.first[self._numbers[0]]), int(self.places.first[self._numbers[-1] + 1]))
         total = np.zeros((places.stop - places.start, len(self._offsets)))
         for likelihood in self._of_fields(rows):
             total += likelihood
-        if self.fingerprints is not None and self._fingerprint_trust > 0.0:
-            for density in self.fingerprints.update(rows, places):
-                total += self._fingerprint_trust * density[:, None]
+        if len(rows):
+            self._new_part = self._news(float(rows[-1, 0]))
+            if self.fingerprints is not None and self._fingerprint_trust > 0.0:
+                for density in self.fingerprints.update(rows, places):
+                    total += self._fingerprint_trust * density[:, None]
         if np.ptp(total) > 0.0:
-            total = self._news(float(rows[-1, 0])) * (total + self.walked[places, None])
+            total = self._new_part * (total + self.walked[places, None] * bool(len(rows)))
             everywhere = np.full((len(self.level), len(self.prior)), MIN_LOG)
             everywhere[places, self._offsets] = np.maximum(total - total.max(), MIN_LOG)
             yield everywhere
@@ -153,12 +168,24 @@ class RadioEvidence:
         """(n, k) of each scan at the places and under the offsets that are left; none where fields are not trusted."""
         if self._trust == 0.0:
             return
-        for _, fresh, _ in self._sweeps.update(rows):
-            access_points, rssi_dbm = fresh[:, 1].astype(np.int64), fresh[:, 2].tolist()
-            offset_db = self.offset_db[self._offsets]
-            likelihood = self.params.log_likelihood(self.places, self._numbers, access_points, rssi_dbm, offset_db)
+        scans, self._waiting, left = self._waiting, [], self._max_work
+        scans += [fresh[np.argsort(-fresh[:, 2], kind="stable")] for _, fresh, _ in self._sweeps.update(rows)]
+        for fresh in scans:
+            access_points = fresh[:, 1].astype(np.int64)
+            work = np.cumsum(self._work(access_points))
+            count = max(int(np.searchsorted(work, left, side="right")), 1)
+            left -= work[count - 1 : count].sum()
+            if count < len(fresh):
+                self._waiting.append(fresh[count:])
+            offset_db, now = self.offset_db[self._offsets], (access_points[:count], fresh[:count, 2].tolist())
+            likelihood = self.params.log_likelihood(self.places, self._numbers, *now, offset_db)
             if np.ptp(likelihood) > 0.0:
                 yield self._spread(self._trust * likelihood)
+
+    def _work(self, access_points: IntArray) -> FloatArray:
+        """(A,) of fitting the fields of access points, see `SignalMap.work`."""
+        new = ((self.places.work(one), self.places.new(access_points, one)) for one in self._numbers)
+        return np.sum([work * np.isin(access_points, which) for work, which in new], axis=0)
 
     def _spread(self, log_likelihood: FloatArray) -> FloatArray:
         """(n, k) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""

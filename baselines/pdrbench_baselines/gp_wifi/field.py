@@ -129,6 +129,7 @@ class SignalMap:
         self.row = np.concatenate([level.row for level in self._levels])
         self.level = np.repeat(self.levels, np.diff(self.first))
         self._parts: list[dict[int, Field]] = [{} for _ in self._levels]
+        self._surveyed = frozenset(self.access_point.tolist())
 
     def get_ready(self) -> None:
         """For access points on all levels."""
@@ -140,17 +141,23 @@ class SignalMap:
 
         Those asked for the first time are fitted together; None of one that was not received there.
         """
-        parts = self._parts[number]
-        column = np.minimum(np.searchsorted(self.access_point, access_points), len(self.access_point) - 1)
-        is_known = self.access_point[column] == access_points
-        new = np.array([one for one in np.unique(column[is_known]).tolist() if one not in parts], dtype=np.int64)
+        parts, new = self._parts[number], self.new(access_points, number)
         if len(new):
-            level = self._levels[number]
-            level.fit(new)
-            for one in new.tolist():
-                at, mean_dbm, variance_db2 = level.field(one)
+            level, columns = self._levels[number], np.searchsorted(self.access_point, new)
+            level.fit(columns)
+            for one, column in zip(new.tolist(), columns.tolist(), strict=True):
+                at, mean_dbm, variance_db2 = level.field(column)
                 parts[one] = Field(at.astype(np.int32), mean_dbm.astype(np.float32), variance_db2.astype(np.float32))
-        return [parts[one] if known else None for one, known in zip(column.tolist(), is_known.tolist(), strict=True)]
+        return [parts.get(one) for one in access_points.tolist()]
+
+    def new(self, access_points: IntArray, number: int) -> IntArray:
+        """Those of them, ascending, that are surveyed and were not asked for on the level of that number."""
+        asked = self._surveyed.intersection(access_points.tolist()).difference(self._parts[number])
+        return np.array(sorted(asked), dtype=np.int64)
+
+    def work(self, number: int) -> float:
+        """Of fitting one field on the level of that number: surveyed cells, squared."""
+        return float(len(self._levels[number].cell_m)) ** 2
 
     def near(self, start: Start, least_m: float) -> FloatArray:
         """(N,) normal density about a start on its level; where that has no survey, on all levels. Its sum is 1."""
@@ -189,12 +196,12 @@ class _Level:
         on = survey.scan_level[survey.scan] == level
         scans_m, xy_m, column = survey.scan_xy_m[survey.scan_level == level], survey.xy_m[on], column[on]
         cells, at = _cells(np.concatenate([scans_m, xy_m]), p.cell_m)
-        self._cell_m = (cells + 0.5) * p.cell_m
+        self.cell_m = (cells + 0.5) * p.cell_m
         self._scans = np.bincount(at[: len(scans_m)], minlength=len(cells)).astype(np.float64)[:, None]
         order = np.argsort(column.astype(np.min_scalar_type(num_access_points)), kind="stable")
         first = np.searchsorted(column[order], np.arange(num_access_points + 1))
         self._readings = first, at[len(scans_m) :][order], survey.rssi_dbm[on][order]
-        low_m, high_m = self._cell_m.min(axis=0) - p.margin_m, self._cell_m.max(axis=0) + p.margin_m
+        low_m, high_m = self.cell_m.min(axis=0) - p.margin_m, self.cell_m.max(axis=0) + p.margin_m
         self._grid_m = _lattice(low_m, high_m, p.grid_m)[0]
         if p.covers_floor and building is not None and region is not None:
             corners_m = region.corners_xy_m[building.level(region.polygon) == level].reshape(-1, 2)
@@ -209,9 +216,9 @@ class _Level:
             return
         p, self._is_ready = self._params, True
         # single precision is enough: the noise of every cell keeps the matrix far from singular
-        self._prior = (p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)).astype(np.float32)
-        self._cross = (p.shadow_db**2 * _kernel(self._cell_m, self.lattice_m, p.shadow_m)).astype(np.float32)
-        self._to_cells = _loss(self._grid_m, self._cell_m)
+        self._prior = (p.shadow_db**2 * _kernel(self.cell_m, self.cell_m, p.shadow_m)).astype(np.float32)
+        self._cross = (p.shadow_db**2 * _kernel(self.cell_m, self.lattice_m, p.shadow_m)).astype(np.float32)
+        self._to_cells = _loss(self._grid_m, self.cell_m)
         self._to_cells_squared = self._to_cells**2
         self._to_lattice = np.empty((len(self._grid_m), len(self.lattice_m)), dtype=np.float32)
         self._has_loss = np.zeros(len(self._grid_m), dtype=np.bool_)  # rows of that are filled when they are needed
@@ -220,7 +227,7 @@ class _Level:
         """Fits path losses of access points (A,), ascending; what was fitted before is forgotten."""
         self.get_ready()
         first, cell, rssi_dbm = self._readings
-        size, ranges = len(self._cell_m), [slice(*first[one : one + 2]) for one in numbers.tolist()]
+        size, ranges = len(self.cell_m), [slice(*first[one : one + 2]) for one in numbers.tolist()]
         received = np.stack([np.bincount(cell[one], minlength=size) for one in ranges], axis=1).astype(np.float64)
         total = np.stack([np.bincount(cell[one], rssi_dbm[one], size) for one in ranges], axis=1).astype(np.float64)
         own = np.flatnonzero((received > 0).sum(axis=0) >= self._params.min_cells)
@@ -329,7 +336,7 @@ class _Level:
             place, triangle = region.triangles_at(places_m)
             kept[place[building.level(region.polygon)[triangle] == level]] = True
         if not kept.any():
-            kept = _squares(places_m, self._cell_m).min(axis=1) < self._params.margin_m**2
+            kept = _squares(places_m, self.cell_m).min(axis=1) < self._params.margin_m**2
         return places_m[kept], row[kept]
 
 

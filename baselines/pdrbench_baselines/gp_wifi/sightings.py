@@ -66,7 +66,7 @@ def sightings_of(radio_map: RadioMap) -> Sightings:
 
 def scan_times_s(radio_map: RadioMap) -> FloatArray:
     """(S,) time from the scan before to each one, by how much readings that both hold have aged; NaN where unknown."""
-    _, column = np.unique(radio_map.access_point, return_inverse=True)
+    column = np.searchsorted(np.unique(radio_map.access_point), radio_map.access_point)  # half the memory of an inverse
     goes_on = np.diff(radio_map.walk, prepend=radio_map.walk[:1] - 1) == 0
     readings = radio_map.rssi_dbm.copy(), radio_map.age_s.copy()  # what is read-only would be compiled once more
     return np.asarray(kernels.times_between(radio_map.first.copy(), column, *readings, goes_on, MIN_REPEATS))
