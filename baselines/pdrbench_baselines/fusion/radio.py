@@ -185,7 +185,7 @@ class RadioEvidence:
     def _work(self, access_points: IntArray) -> FloatArray:
         """(A,) of fitting the fields of access points, see `SignalMap.work`."""
         new = ((self.places.work(one), self.places.new(access_points, one)) for one in self._numbers)
-        return np.sum([work * np.isin(access_points, which) for work, which in new], axis=0)
+        return np.asarray(np.sum([work * np.isin(access_points, which) for work, which in new], axis=0))
 
     def _spread(self, log_likelihood: FloatArray) -> FloatArray:
         """(n, k) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""
