@@ -43,6 +43,10 @@ FILTER: Final = FootParams(gyro_bias_radps=math.radians(0.05 / 3.0))
 BEHIND_S: Final = 0.75  # ours: the foot goes from where it was in the mean of so long, about a stride
 GOES_M: Final = 0.3  # ours: from there; a foot that stands or shuffles keeps its heading
 KEPT_S: Final = 60.0  # of times of rates, for accelerations that wait for one
+# Of the earth's field between steel; magnets of a phone that are not taken out are stronger. Rotation vectors of some
+# phones are off by tens of degrees where the field is not; the trust is by seven sets, see the notebook.
+USUAL_FIELD_UT: Final = (20.0, 80.0)
+FIELD_TRUST: Final = 0.5
 CHECKED_AT_S: Final = (5.0, 30.0)  # as foot_ins: a foot that stands says nothing of the unit of its rate
 
 
@@ -62,15 +66,31 @@ class PhoneSource:
     rise_m: Final = 0.0
 
     def __init__(self) -> None:
-        self._steady = YawStabiliser()
+        self._steady, self._north = YawStabiliser(), 0j
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Takes the next rows, finite, in the order of time; gives accel, gyro, rotation and compass.
 
         Rows of compass are (r, 2): t_s, and by how much, in rad, the yaw is turned to the mean of the compass from one
-        that follows the gyroscope alone.
+        that follows the gyroscope alone. Where there are rows of mag, the compass is half of the rotation vector, half
+        of the mean of the field so far.
         """
-        return {**rows, **_steadied(self._steady, rows["rotation"], rows["gyro"])}
+        found = _steadied(self._steady, rows["rotation"], rows["gyro"])
+        if len(found["rotation"]) and "mag" in rows:
+            turn_rad = self._turns_rad(found["rotation"], rows["mag"])
+            found["rotation"][:, 1:] = multiply(about_vertical(turn_rad), found["rotation"][:, 1:])
+            found["compass"][:, 1] += turn_rad
+        return {**rows, **found}
+
+    def _turns_rad(self, rotation: FloatArray, mag: FloatArray) -> FloatArray:
+        """(r,) by how much attitudes (r, 5) are turned towards the mean so far of a magnetic field (m, 4)."""
+        before = (np.searchsorted(rotation[:, 0], mag[:, 0], side="right") - 1).clip(0)
+        x, y, _ = to_world(rotation[before, 1:], mag[:, 1:]).T
+        strength_ut = np.sqrt((mag[:, 1:] ** 2).sum(axis=1))
+        is_usual = (strength_ut > USUAL_FIELD_UT[0]) & (strength_ut < USUAL_FIELD_UT[1])
+        north = np.append(self._north, self._north + np.cumsum((y - 1j * x) * is_usual))
+        self._north = complex(north[-1])
+        return np.asarray(-FIELD_TRUST * np.angle(north[np.searchsorted(mag[:, 0], rotation[:, 0], side="right")]))
 
 
 class OwnAttitudeSource:

@@ -120,7 +120,10 @@ class Reckoner:
         self._source = source = rows_of(briefing, network.own_attitude)
         briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
         self._network, self._memory, self._latest_m = network, None, np.zeros(2)
-        self._waiting: dict[str, list[FloatArray]] = {name: [] for name in source.sensors}
+        names = dict.fromkeys(
+            (*source.sensors, *({"mag"} & briefing.sensors.keys()))
+        )  # a field helps, none is waited for
+        self._waiting: dict[str, list[FloatArray]] = {name: [] for name in names}
         self._newest_s = dict.fromkeys(source.sensors, -math.inf)
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._compass: FloatArray = np.zeros((0, 2))
@@ -159,7 +162,7 @@ class Reckoner:
         for name, waiting in self._waiting.items():
             is_finite = np.isfinite(rows[name])
             waiting.append(rows[name].copy() if is_finite.all() else rows[name][is_finite.all(axis=1)])
-            if len(waiting[-1]):
+            if len(waiting[-1]) and name in self._newest_s:
                 self._newest_s[name] = max(self._newest_s[name], float(waiting[-1][-1, 0]))
         if self._first_s is not None and self._source.turn_rad is not None and not self._is_due:
             return
@@ -189,7 +192,7 @@ class Reckoner:
         if not all(self._waiting.values()):
             return
         new = {name: np.concatenate(waiting) for name, waiting in self._waiting.items()}
-        self._waiting = {name: [] for name in self._source.sensors}
+        self._waiting = {name: [] for name in self._waiting}
         given = self._source.update(new)
         if self._checks is not None:
             self._checks.take(new if "rotation" in new else given)
