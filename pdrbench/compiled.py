@@ -23,11 +23,32 @@ def compiled(function: F) -> F:
     constants become part of the compiled code, so the sources of all kernels that the module of the function imports
     are compared, too, and the numbers that are global there. Divisions follow IEEE 754.
     """
-    kernel = njit(cache=True, error_model="numpy", nogil=True)(function)
+    return cast(F, _kernel(function, no_cpython_wrapper=False))
+
+
+def inner(function: F) -> F:
+    """As `compiled`, for what only kernels call: the entry from Python is left out, a large part of what is compiled.
+
+    Raises:
+        TypeError: Python calls it.
+    """
+    kernel = _kernel(function, no_cpython_wrapper=True)
+
+    def refuse(*_: object) -> None:
+        raise TypeError(f"only kernels can call {function.__name__}")
+
+    if kernel is not function:  # without an entry Python must find no code
+        kernel._insert, kernel._compile_for_args = (lambda *_: None), refuse
+    return cast(F, kernel)
+
+
+def _kernel(function: Callable[..., Any], *, no_cpython_wrapper: bool) -> Any:
+    options: Any = {"no_cpython_wrapper": no_cpython_wrapper, "no_cfunc_wrapper": True}  # an entry from C
+    kernel: Any = njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     if isinstance(kernel, Dispatcher):  # a plain function where compilation is disabled
         file = cast(Any, kernel)._cache._cache_file
         file._source_stamp = file._source_stamp, *_dependencies(kernel)
-    return cast(F, kernel)
+    return kernel
 
 
 def in_threads(kernel: Callable[..., object], count: int, *arguments: Any) -> None:

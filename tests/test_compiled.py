@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from pdrbench.compiled import compiled, inner
+
 CALLEE = """
 from pdrbench.compiled import compiled
 FACTOR = {factor}
@@ -46,3 +48,10 @@ def test_a_change_of_a_called_kernel_or_of_a_number_is_noticed(run) -> None:
     assert run(3.0) == (6.0, 0)
     assert run(3.0) == (6.0, 1)
     assert run(4.0, "-") == (-8.0, 0)
+
+
+def test_only_kernels_call_an_inner_one() -> None:
+    part = inner(lambda x: x + 1)
+    assert compiled(lambda x: 2 * part(x))(3) == 8
+    with pytest.raises(TypeError, match="only kernels"):
+        part(3)

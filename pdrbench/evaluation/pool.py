@@ -20,7 +20,7 @@ from joblib.parallel import get_active_backend
 from pdrbench.arithmetic import THREADS
 from pdrbench.evaluation.jobs import Job, JobContext, Outcome, run_jobs, run_jobs_on_cluster
 
-__all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]
+__all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "in_order", "is_foreign", "spread"]
 
 MAX_BATCH: Final = 8  # groups between two signs of progress
 BATCHES_PER_WORKER: Final = 3  # what is left is cut into so many, so that all processes end together
@@ -88,6 +88,11 @@ def _batches(groups: Sequence[Group], num_workers: int) -> Iterator[Group]:
 def _warm_executor(num_workers: int) -> Any:
     """Joblib's own pool: two kinds of reused loky pools in one program displace each other."""
     return get_memmapping_executor(num_workers, timeout=IDLE_S, env=_variables())
+
+
+def in_order(call: Callable[..., Returned], arguments: Sequence[tuple[Any, ...]], num_workers: int) -> list[Returned]:
+    """What a function returns for each tuple of arguments, by the warm processes."""
+    return list(_warm_executor(num_workers).map(call, *zip(*arguments, strict=True)))
 
 
 def in_fresh_process(

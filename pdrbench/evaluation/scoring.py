@@ -92,10 +92,10 @@ def score_all(
     began_s = time.perf_counter()
     while left := len(grouped) - len(scored):
         if jobs > 1 and scored and (time.perf_counter() - began_s) / len(scored) * left > SPREAD_S:
-            import joblib
+            from pdrbench.evaluation.pool import in_order
 
             rest = [(group, secret, kept.get(group[0].task)) for group in grouped[len(scored) :]]
-            scored += joblib.Parallel(n_jobs=jobs)(joblib.delayed(score_group)(*arguments) for arguments in rest)
+            scored += in_order(score_group, rest, jobs)
         else:
             group = grouped[len(scored)]
             scored.append(score_group(group, secret, kept.get(group[0].task)))

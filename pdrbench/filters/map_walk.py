@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building.convex import ConvexMap
-from pdrbench.compiled import compiled
+from pdrbench.compiled import compiled, inner
 from pdrbench.geometry import BoolArray, FloatArray
 
 TILE: Final = 1024  # particles whose scratch arrays stay in the innermost cache
@@ -22,6 +22,7 @@ MAX_EXPONENT: Final = 80.0  # beyond 12.6 sigma the weight of a height falls no 
 ZERO, TWO = np.float32(0.0), np.float32(2.0)
 MIN_RUN: Final = 16  # fewer particles of a cell in a row are not worth loops of their own
 FREE, WALL = np.int32(-1), np.int32(-2)  # instead of the number of a line
+START: Any = np.int64(0)  # of a count that is handed on: for a literal 0 Numba compiles what it is handed to once more
 
 
 class Scratch(NamedTuple):
@@ -92,7 +93,7 @@ def by_cell(cell: Any, num_cells: int) -> Any:
     return order
 
 
-@compiled
+@inner
 def walk_tile(
     world: Any, rise: float, sigma: float, x: Any, y: Any, xe: Any, ye: Any, cells: Any, weight: Any, scratch: Any
 ) -> None:
@@ -108,7 +109,7 @@ def walk_tile(
     through, which, met, behind = index[0], index[1], index[2], index[3]
     alone, passed, reached = index[4], index[5], index[6]
     same = _height_weight(rise, sigma)
-    stop, count, few = 0, 0, 0
+    stop, count, few = START, START, START
     while stop < len(x):
         begin, cell, low = stop, cells[stop], count
         while stop < len(x) and cells[np.uint64(stop)] == cell:
@@ -151,24 +152,24 @@ def walk_tile(
             weight[i] = _height_weight(rise - climbed, sigma)
 
 
-@compiled
+@inner
 def _copy(number: Any, which: Any) -> None:
     for k in range(len(number)):  # an assignment of arrays takes Numba seconds to compile
         which[k] = number[k]
 
 
-@compiled
-def _leave_box(box: Any, begin: int, stop: int, xe: Any, ye: Any, which: Any, count: int) -> int:
+@inner
+def _leave_box(box: Any, begin: int, stop: int, xe: Any, ye: Any, which: Any, count: int) -> Any:
     """Appends to the first `count` of `which` the particles that end outside a box in their cell."""
     at = np.uint64(count)
     x0, y0, x1, y1 = box[0], box[1], box[2], box[3]
     for i in range(begin, stop):
         which[at] = np.int32(i)
         at += np.uint64((xe[i] < x0) | (xe[i] > x1) | (ye[i] < y0) | (ye[i] > y1))
-    return int(at)
+    return np.int64(at)
 
 
-@compiled
+@inner
 def _sooner(line: Any, this: Any, x: Any, y: Any, xe: Any, ye: Any, least: Any, best: Any, number: Any) -> Any:
     """`best` and `number`, or where a line is passed outwards sooner, the fraction of the way there and `this`."""
     after = line[0] * xe + line[1] * ye - line[2]
@@ -179,7 +180,7 @@ def _sooner(line: Any, this: Any, x: Any, y: Any, xe: Any, ye: Any, least: Any, 
     return (fraction if fraction < best else best), (this if fraction < best else number)
 
 
-@compiled
+@inner
 def _first_crossed(
     line: Any, first_portal: Any, low: int, high: int, x: Any, y: Any, xe: Any, ye: Any, at: Any, through: Any
 ) -> None:
@@ -201,28 +202,28 @@ def _first_crossed(
             at[k], through[k] = _sooner(four, fourth, x[k], y[k], xe[k], ye[k], ZERO, best, number)
 
 
-@compiled
+@inner
 def _with_portals(first_portal: Any, line: int) -> Any:
     return np.int32(line) if first_portal[line] < first_portal[line + 1] else WALL
 
 
-@compiled
+@inner
 def _weigh(through: Any, same: Any, weight: Any) -> None:
     for i in range(len(through)):
         weight[i] = same if through[i] == FREE else ZERO
 
 
-@compiled
-def _keep(number: Any, begin: int, count: int, which: Any) -> int:
+@inner
+def _keep(number: Any, begin: int, count: int, which: Any) -> Any:
     """Appends `begin` + k to the first `count` of `which` wherever a number is not negative; how many there are now."""
     at = np.uint64(count)
     for k in range(len(number)):
         which[at] = np.int32(begin + k)
         at += np.uint64(number[k] >= 0)
-    return int(at)
+    return np.int64(at)
 
 
-@compiled
+@inner
 def _meet(which: Any, x: Any, y: Any, xe: Any, ye: Any, at: Any, through: Any, cx: Any, cy: Any, met: Any) -> None:
     """Where each of some particles meets the line that it passes, and which one that is."""
     for k in range(len(which)):
@@ -232,7 +233,7 @@ def _meet(which: Any, x: Any, y: Any, xe: Any, ye: Any, at: Any, through: Any, c
         cx[k], cy[k] = x[i] + done * (xe[i] - x[i]), y[i] + done * (ye[i] - y[i])
 
 
-@compiled
+@inner
 def _pass_portals(
     line: Any, first_portal: Any, portal: Any, low: int, high: int, cx: Any, cy: Any, met: Any, behind: Any
 ) -> None:
@@ -248,7 +249,7 @@ def _pass_portals(
                 behind[k] = this if (met[k] == number) & (begin <= along) & (along <= end) else behind[k]
 
 
-@compiled
+@inner
 def _pass_portal(line: Any, first_portal: Any, portal: Any, cx: Any, cy: Any, met: Any, behind: Any) -> None:
     """The same for particles of different cells: the last portal that begins before the place, if it ends after it."""
     for k in range(len(behind)):
@@ -261,8 +262,8 @@ def _pass_portal(line: Any, first_portal: Any, portal: Any, cx: Any, cy: Any, me
         behind[k] = low if low < high and portal[low, 0] <= along <= portal[low, 1] else -1
 
 
-@compiled
-def _enter(neighbour: Any, behind: Any, which: Any, reached: Any, through: Any) -> int:
+@inner
+def _enter(neighbour: Any, behind: Any, which: Any, reached: Any, through: Any) -> Any:
     """Takes particles through their portals: how many are left in `which`; `through` is the line that they came by."""
     count = np.uint64(0)
     for k in range(len(behind)):
@@ -272,14 +273,14 @@ def _enter(neighbour: Any, behind: Any, which: Any, reached: Any, through: Any) 
         through[i] = neighbour[portal, 1] if has_passed else through[i]
         which[count] = np.int32(i)
         count += np.uint64(has_passed)
-    return int(count)
+    return np.int64(count)
 
 
-@compiled
+@inner
 def _next_crossed(
     line: Any, first_line: Any, x: Any, y: Any, xe: Any, ye: Any, same: Any, which: Any, reached: Any, at: Any,
     through: Any, weight: Any,
-) -> int:  # fmt: skip
+) -> Any:  # fmt: skip
     """As `_first_crossed`, for particles in different cells, and weighs them; how many are left in `which`."""
     count = np.uint64(0)
     for k in range(len(which)):
@@ -293,7 +294,7 @@ def _next_crossed(
         weight[i] = same if number == FREE else ZERO
         which[count] = np.int32(i)
         count += np.uint64(number >= 0)
-    return int(count)
+    return np.int64(count)
 
 
 @compiled
@@ -306,7 +307,7 @@ def exp_minus(a: float) -> float:
     return result
 
 
-@compiled
+@inner
 def _height_weight(difference_m: float, sigma_m: float) -> Any:
     """exp(-d^2 / (2 sigma^2)), eq. (16) without its constant factor."""
     return np.float32(exp_minus(min(difference_m * difference_m / (2 * sigma_m * sigma_m), MAX_EXPONENT)))

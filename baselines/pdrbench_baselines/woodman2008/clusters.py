@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pdrbench.compiled import compiled
+from pdrbench.compiled import compiled, inner
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def _link(
     return label, sums
 
 
-@compiled
+@inner
 def _components(
     xy_m: FloatArray, polygon: IntArray, live: IntArray, eps_m: float, first_near: IntArray, near: IntArray
 ) -> tuple[IntArray, IntArray]:
@@ -219,10 +219,12 @@ def _components(
                         left[bucket] -= 1
                         waiting[slot] = waiting[first[bucket] + left[bucket]]
     first_member[num_clusters] = count
-    return live[member], first_member[: num_clusters + 1]
+    for k in range(count):
+        member[k] = live[member[k]]
+    return member, first_member[: num_clusters + 1]
 
 
-@compiled
+@inner
 def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, IntArray, IntArray, IntArray, int]:
     """Sorts live particles into squares at least `eps_m` wide, at most about four a particle.
 
@@ -251,8 +253,9 @@ def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, 
         i = live[k]
         bucket_of[k] = int((xy_m[i, 1] - low_y) / side_m) * columns + int((xy_m[i, 0] - low_x) / side_m)
         left[bucket_of[k]] += 1
-    first = np.cumsum(left) - left
-    filled = first.copy()
+    first, filled = np.zeros(len(left), dtype=np.int64), np.zeros(len(left), dtype=np.int64)
+    for b in range(1, len(left)):
+        first[b] = filled[b] = first[b - 1] + left[b - 1]
     waiting = np.empty(count, dtype=np.int64)
     for k in range(count):
         waiting[filled[bucket_of[k]]] = k
@@ -260,7 +263,7 @@ def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, 
     return waiting, bucket_of, first, left, columns
 
 
-@compiled
+@inner
 def _kinds(
     polygon: IntArray, live: IntArray, waiting: IntArray, first: IntArray, left: IntArray
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
@@ -290,7 +293,7 @@ def _kinds(
     return kind, first_kind, of_polygon[:num_kinds], num_waiting[:num_kinds]
 
 
-@compiled
+@inner
 def _may_join(own: int, of_polygon: IntArray, num_waiting: IntArray, first_near: IntArray, near: IntArray) -> bool:
     """True where some particle still waits on a polygon near the own; above and below other levels none does."""
     for k in range(len(of_polygon)):  # noqa: SIM110  Numba has no any() of a generator
@@ -299,7 +302,7 @@ def _may_join(own: int, of_polygon: IntArray, num_waiting: IntArray, first_near:
     return False
 
 
-@compiled
+@inner
 def _is_near(one: int, other: int, first_near: IntArray, near: IntArray) -> bool:
     """True where `other` stands in the list of `one`."""
     if one == other:
@@ -315,7 +318,7 @@ def _is_near(one: int, other: int, first_near: IntArray, near: IntArray) -> bool
     return found
 
 
-@compiled
+@inner
 def _summarise(
     members: IntArray,
     xy_m: FloatArray,

@@ -14,9 +14,9 @@ import numpy as np
 from numba import types
 from numba.experimental import structref
 
-from pdrbench.compiled import compiled
+from pdrbench.compiled import compiled, inner
 from pdrbench.filters import kld
-from pdrbench.filters.map_walk import TILE, new_scratch, walk_tile
+from pdrbench.filters.map_walk import START, TILE, new_scratch, walk_tile
 from pdrbench_baselines.woodman2008.random_numbers import (
     HALF,
     MOTION,
@@ -154,13 +154,13 @@ def expected_need(num_bins: float, count: int, total: float, squares: float, bou
     return int(kld_bound(max(2, int(expected)), bound.epsilon, bound.z))
 
 
-@compiled
+@inner
 def _part(particles: Any, a: int, b: int) -> Any:
     state, cell = particles
     return Tile(state[0, a:b], state[1, a:b], state[2, a:b], state[3, a:b], cell[a:b])
 
 
-@compiled
+@inner
 def _move(motion: Any, first: int, keys: Any, from_x: Any, from_y: Any, new: Any, scratch: Any) -> None:
     """Perturbs the stride, turns, and moves up to `TILE` particles: eq. (7) to (11).
 
@@ -171,7 +171,7 @@ def _move(motion: Any, first: int, keys: Any, from_x: Any, from_y: Any, new: Any
     count = len(turns)
     half = (count + 1) // 2
     w0, w1, w2, w3 = words[0, :half], words[1, :half], words[2, :half], words[3, :half]
-    philox(first, MOTION, keys, w0, w1, w2, w3)
+    philox(np.uint64(first), MOTION, keys, w0, w1, w2, w3)
     z_turn, z_length, unit = f[0], f[1], f[2, :half]
     box_muller(w0, w1, unit, bits[:half], z_turn[:half], z_length[:half])
     box_muller(w2, w3, unit, bits[:half], z_turn[half : 2 * half], z_length[half : 2 * half])
@@ -185,7 +185,7 @@ def _move(motion: Any, first: int, keys: Any, from_x: Any, from_y: Any, new: Any
         ye[i] = from_y[i] + step * cos_turns(wrap_turns(t - QUARTER))
 
 
-@compiled
+@inner
 def _propagate_tile(motion: Any, first: int, keys: Any, old: Any, new: Any, scratch: Any) -> Any:
     """Moves up to `TILE` particles; eq. (7) to (11). Returns where they came from.
 
@@ -207,7 +207,7 @@ def _propagate_tile(motion: Any, first: int, keys: Any, old: Any, new: Any, scra
     return from_x, from_y
 
 
-@compiled
+@inner
 def _walk_by_cell(world: Any, motion: Any, from_x: Any, from_y: Any, tile: Any, slot: Any, scratch: Any) -> None:
     """`walk_tile` for particles in any order: those of a cell are walked together, so that few have loops of their own.
 
@@ -229,7 +229,7 @@ def _walk_by_cell(world: Any, motion: Any, from_x: Any, from_y: Any, tile: Any, 
         cell[i], weight[i] = bits[k], by_weight[k]
 
 
-@compiled
+@inner
 def _order_by_cell(cell: Any, slot: Any, found: Any, order: Any) -> None:
     """Sorts particles by cell, cells as they first appear; `slot` is as in `_walk_by_cell`, `found` has room for n."""
     num_found = 0
@@ -250,7 +250,7 @@ def _order_by_cell(cell: Any, slot: Any, found: Any, order: Any) -> None:
         slot[found[k]] = 0
 
 
-@compiled
+@inner
 def _bin_tile(bins: Any, particles: Any, place: Any) -> None:
     """(count,) the bin of each particle; -1 where it does not count."""
     x, y, turns, weight, cell = particles
@@ -269,7 +269,7 @@ def _bin_tile(bins: Any, particles: Any, place: Any) -> None:
                 place[i] = -1
 
 
-@compiled
+@inner
 def _mark(marks: Any, place: Any) -> None:
     for i in range(len(place)):
         if place[i] >= 0:
@@ -341,7 +341,7 @@ def draw_prior(
     place = np.empty(TILE, np.int32)
     spacing = area[-1] / count
     low, high = begin * CHUNK, min(end * CHUNK, count)
-    triangle = np.searchsorted(area, (low + offset) * spacing)
+    triangle = 0
     for a in range(low, high, TILE):
         number = min(TILE, high - a)
         w0, w1, w2, w3 = words[0, :number], words[1, :number], words[2, :number], words[3, :number]
@@ -411,7 +411,7 @@ def next_generation(few: Any, count: int, num_bins: int, length: float, rise: fl
         return 0, 0, 0
     expected = expected_need(num_bins, count, total, squares, bound)
     wanted = min(max(int(FIRST_BATCH * expected), bound.min_particles), bound.max_particles)
-    filled, num_bins, batch, needed = 0, 0, 0, bound.min_particles
+    filled, num_bins, batch, needed = START, START, START, bound.min_particles
     while filled < wanted:
         if wanted > capacity:
             return wanted, num_bins, wanted

@@ -25,7 +25,7 @@ from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition
 from pdrbench_baselines.woodman2008.clusters import cluster
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 from pdrbench_baselines.woodman2008.drift import DriftParams, TurnDrift
-from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.map_filter import FEW, WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
@@ -312,7 +312,8 @@ def _warm_up(building: Building, params: Woodman2008Params, new_filter: Callable
     largest = np.arange(len(region)) == np.argmax(region.triangle_area_m2())
     for num_particles in (params.filter.min_particles, MANY_PARTICLES):
         least = min(num_particles, params.filter.max_particles)
-        settings = dataclasses.replace(params.filter, min_particles=least)
+        most = min(params.filter.max_particles, max(least, FEW))  # or no trial would be of few particles
+        settings = dataclasses.replace(params.filter, min_particles=least, max_particles=most)
         trial = new_filter(building, np.random.default_rng(0), settings)
         trial.start(region.restricted(largest))
         trial.update(0.0, 0.0, 0.0)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pdrbench.compiled import compiled
+from pdrbench.compiled import compiled, inner
 
 MOTION, OFFSET, PRIOR = np.uint64(0), np.uint64(1), np.uint64(2)  # streams of random numbers
 
@@ -64,7 +64,7 @@ def uniform(word: Any) -> Any:
     return np.float32(np.int32(word >> _8)) * _UNIT + HALF * _UNIT
 
 
-@compiled
+@inner
 def _sine_of_turns(r: Any) -> Any:
     """sin(2 pi r) for r in [-1/4, 1/4]."""
     q = r * r
@@ -77,7 +77,7 @@ def cos_turns(t: Any) -> Any:
     return _sine_of_turns(QUARTER - abs(t))
 
 
-@compiled
+@inner
 def wrap_turns(t: Any) -> Any:
     """Into [-1/2, 1/2)."""
     return t - np.floor(t + HALF)

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.compiled import compiled
+from pdrbench.compiled import compiled, inner
 from pdrbench.filters.map_walk import TILE
 
 CHUNK: Final = 16_384  # particles of a chunk
 
 
-@compiled
+@inner
 def _running_sum(weight: Any, total: float, sums: Any) -> float:
     """(count,) `total` and all weights so far, four at a time: additions that need not wait for one another."""
     whole = len(weight) // 4 * 4
@@ -33,14 +33,14 @@ def _running_sum(weight: Any, total: float, sums: Any) -> float:
     return total
 
 
-@compiled
+@inner
 def _draws_below(sums: Any, before: float, scale: float, offset: float, below: Any) -> None:
     """(count,) draws below each running sum: those j with (j + offset) / scale < before + sum."""
     for i in range(len(sums)):
         below[i] = np.int32(np.ceil((before + sums[i]) * scale - offset))
 
 
-@compiled
+@inner
 def _first_draw(before: float, scale: float, offset: float) -> Any:
     return np.int32(np.ceil(before * scale - offset))
 
@@ -96,7 +96,7 @@ def count_offspring(
             taken = below[b - a - 1]
 
 
-@compiled
+@inner
 def _tally(cells: Any, below: Any, taken: Any, own: Any) -> None:
     """Adds the draws on particles in a row in the same cell to those of the cell."""
     cell = cells[0]
@@ -135,7 +135,7 @@ def choose_ancestors(
         _choose_in_chunk(weight, cells, low, high, before[chunk], scale, offset, place[chunk], ancestor)
 
 
-@compiled
+@inner
 def _choose_in_chunk(
     weight: Any, cells: Any, low: int, high: int, before: float, scale: float, offset: float, place: Any, ancestor: Any
 ) -> None:
@@ -153,7 +153,7 @@ def _choose_in_chunk(
         taken = below[b - a - 1]
 
 
-@compiled
+@inner
 def _pick_two(below: Any, taken: Any, first: int, chosen: Any) -> Any:
     """Each particle, numbered from `first`, up to twice: how many are chosen, and the most draws that fall on one."""
     picked, most = np.uint64(0), np.int32(0)
@@ -164,10 +164,10 @@ def _pick_two(below: Any, taken: Any, first: int, chosen: Any) -> Any:
         chosen[picked], chosen[picked + np.uint64(1)] = particle, particle  # no branch
         picked += np.uint64(min(number, np.int32(2)))
         most = max(most, number)
-    return int(picked), most
+    return np.int64(picked), most
 
 
-@compiled
+@inner
 def _place_rest(below: Any, taken: Any, first: int, cells: Any, place: Any, ancestor: Any) -> None:
     """Places each particle as often as more than two draws fall on it."""
     for i in range(len(below)):
@@ -177,7 +177,7 @@ def _place_rest(below: Any, taken: Any, first: int, cells: Any, place: Any, ance
         taken = below[i]
 
 
-@compiled
+@inner
 def _place(chosen: Any, cells: Any, place: Any, ancestor: Any) -> None:
     """Places particles one by one; the place in a cell stays in a register while the cell is the same."""
     cell = np.int32(0)

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy import stats
 
 from pdrbench.building import Building, FloorPolygon, FloorRegion
@@ -254,8 +255,9 @@ def test_particles_in_any_order_are_walked_as_they_stand(
     x_end, y_end = (at + rng.normal(0.0, 1.5, count).astype(np.float32) for at in (x, y))
     motion = motion_of(WoodmanFilterParams(), (0.0, 0.2, 0.0), np.float32, FULL_TURN_RAD)
     plain = Tile(x_end.copy(), y_end.copy(), turns, weight.copy(), cell.copy())
-    walk_tile(convex.world, motion.rise, motion.rise_sigma, x, y, *plain[:2], plain.cell, plain.weight, new_scratch())
+    moved = *plain[:2], plain.cell, plain.weight, new_scratch()
+    njit(lambda given: walk_tile(*given))((convex.world, motion.rise, motion.rise_sigma, x, y, *moved))
     tile, slot = Tile(x_end, y_end, turns, weight, cell), np.zeros(len(convex), np.int32)
-    _walk_by_cell(convex.world, motion, x, y, tile, slot, new_scratch())
+    njit(lambda given: _walk_by_cell(*given))((convex.world, motion, x, y, tile, slot, new_scratch()))
     assert [values.tobytes() for values in tile] == [values.tobytes() for values in plain]
     assert not slot.any()
