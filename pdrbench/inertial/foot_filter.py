@@ -12,7 +12,7 @@ import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.clock import even_clock
-from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance
+from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, ROW, Memory, Noise, Record, advance
 from pdrbench.inertial.gaps import GapFiller
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
 from pdrbench.inertial.quaternions import to_world, twist_rad
@@ -398,10 +398,5 @@ def no_record(num_states: int) -> Record:
 def empty_record(count: int, num_states: int) -> Record:
     """Room for what the smoother needs of `count` samples."""
     return Record(
-        cov=np.empty((count, num_states, num_states)),
-        step=np.empty((count, 13)),
-        which=np.empty((count, NUM_UPDATES), dtype=np.int64),
-        gain=np.empty((count, NUM_UPDATES, num_states)),
-        innovation=np.empty((count, NUM_UPDATES)),
-        variance=np.empty((count, NUM_UPDATES)),
+        cov=np.empty((count, 15 * ROW)), step=np.empty((count, 13)), updates=np.empty((count, NUM_UPDATES, 54))
     )

@@ -9,21 +9,23 @@ belongs to the errors (position, velocity, rotation of the world frame, biases).
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from numba import njit
 
+from pdrbench.compiled import F
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
 NINE: Final = 9
 FIFTEEN: Final = 15
-YAW: Final[Any] = np.int64(8)  # its place among the errors; functions would be compiled again for a literal
-HEADING_UPDATE: Final[Any] = np.int64(6)  # its place among the updates, likewise
+ROW: Final = 16  # covariances are kept in rows of so many numbers while the kernels run, which vectors divide
+VELOCITY, YAW, RATE = np.int64(3), np.int64(8), np.int64(12)  # places among the errors; literals are types of their own
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
-NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
+NUM_UPDATES: Final = 3  # per sample: of the velocity, of the rate, of the heading
 
 # Ours unless a line says otherwise.
 BIAS_WALK: Final = 1e-6  # of both biases, m/s2 and rad/s per root second
@@ -39,6 +41,10 @@ CLIPPED_FRACTION: Final = 0.92  # of the largest rate that an axis has shown, ab
 CLIPPED_EXCESS_RADPS: Final = 4.3
 WIDEST_RATE_RADPS: Final = 10.2  # a unit that shows more has a range wider than 500 degrees/s
 HELD_RATE_RADPS: Final = 3.0  # a rate above that repeats the one before to the last bit is clipped
+
+
+# For kernels that only kernels call: no references of their arrays are counted, which took half of the filter's time.
+helper: Callable[[F], F] = cast(Any, njit)(cache=True, error_model="numpy", _nrt=False)
 
 
 class Noise(NamedTuple):
@@ -95,23 +101,18 @@ class Record(NamedTuple):
     """What the smoother needs of each of n samples.
 
     Attributes:
-        cov: (n, N, N) after the updates.
+        cov: (n, 240) after the updates, in rows of 16; those of the position are left out.
         step: (n, 13) dt, specific force in the world frame, 3, body to world, 9; dt is 0 where nothing moved.
-        which: (n, 7) index of the error state that an update measured, -1 where there was none.
-        gain: (n, 7, N).
-        innovation: (n, 7).
-        variance: (n, 7) of the innovation.
+        updates: (n, 3, 54) of velocity, rate and yaw: three gains times the sigma of their innovation in rows of 16,
+            the innovations over it, and one over it, which is 0 where nothing was measured.
     """
 
     cov: FloatArray
     step: FloatArray
-    which: Any
-    gain: FloatArray
-    innovation: FloatArray
-    variance: FloatArray
+    updates: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _rotation(x: Any, c: Any) -> None:
     """Writes the body-to-world matrix (3, 3) of the attitude in `x`."""
     w, i, j, k = x[6], x[7], x[8], x[9]
@@ -120,7 +121,7 @@ def _rotation(x: Any, c: Any) -> None:
     c[2, 0], c[2, 1], c[2, 2] = 2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _half_turn(a: float, b: float, c: float) -> Any:
     """Unit quaternion of a rotation vector."""
     half = 0.5 * math.sqrt(a * a + b * b + c * c)
@@ -128,7 +129,7 @@ def _half_turn(a: float, b: float, c: float) -> Any:
     return math.cos(half), scale * a, scale * b, scale * c
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _set_product(x: Any, p: Any, q: Any) -> None:
     """Attitude in `x` <- p q, normalised."""
     p0, p1, p2, p3 = p
@@ -141,7 +142,7 @@ def _set_product(x: Any, p: Any, q: Any) -> None:
     x[6], x[7], x[8], x[9] = scale * w, scale * i, scale * j, scale * k
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def correct(x: Any, error: Any, size: Any) -> None:
     """Adds an error (N,) to the nominal state."""
     for i in range(6):
@@ -152,60 +153,78 @@ def correct(x: Any, error: Any, size: Any) -> None:
             x[10 + i] += error[9 + i]
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
-    """cov <- F cov F^T, with F the transition of the error; each row needs only rows that come after it."""
-    n = size
-    for j in range(n):
-        p0, p1, p2 = cov[6, j], cov[7, j], cov[8, j]
+    """cov <- F cov F^T, with F the transition of the error: rows, columns that are needed, then the other triangle."""
+    f0, f1, f2 = dt * f[0], dt * f[1], dt * f[2]
+    for j in range(ROW):  # each row needs only rows that come after it
+        p0, p1, p2 = cov[6 * ROW + j], cov[7 * ROW + j], cov[8 * ROW + j]
         for i in range(3):
-            cov[i, j] += dt * cov[3 + i, j]
-        cov[3, j] += dt * (f[2] * p1 - f[1] * p2)
-        cov[4, j] += dt * (f[0] * p2 - f[2] * p0)
-        cov[5, j] += dt * (f[1] * p0 - f[0] * p1)
-        if n == 15:
+            cov[i * ROW + j] += dt * cov[(3 + i) * ROW + j]
+        cov[3 * ROW + j] += f2 * p1 - f1 * p2
+        cov[4 * ROW + j] += f0 * p2 - f2 * p0
+        cov[5 * ROW + j] += f1 * p0 - f0 * p1
+    for i in range(3 if size == 15 else 0):
+        c0, c1, c2, v, t = dt * c[i, 0], dt * c[i, 1], dt * c[i, 2], (3 + i) * ROW, (6 + i) * ROW
+        for j in range(ROW):
+            cov[v + j] -= c0 * cov[9 * ROW + j] + c1 * cov[10 * ROW + j] + c2 * cov[11 * ROW + j]
+            cov[t + j] -= c0 * cov[12 * ROW + j] + c1 * cov[13 * ROW + j] + c2 * cov[14 * ROW + j]
+    for r in range(0, 9 * ROW, ROW):
+        p0, p1, p2 = cov[r + 6], cov[r + 7], cov[r + 8]
+        if r < 3 * ROW:
             for i in range(3):
-                cov[3 + i, j] -= dt * (c[i, 0] * cov[9, j] + c[i, 1] * cov[10, j] + c[i, 2] * cov[11, j])
-                cov[6 + i, j] -= dt * (c[i, 0] * cov[12, j] + c[i, 1] * cov[13, j] + c[i, 2] * cov[14, j])
-    for j in range(n):
-        p0, p1, p2 = cov[j, 6], cov[j, 7], cov[j, 8]
-        for i in range(3):
-            cov[j, i] += dt * cov[j, 3 + i]
-        cov[j, 3] += dt * (f[2] * p1 - f[1] * p2)
-        cov[j, 4] += dt * (f[0] * p2 - f[2] * p0)
-        cov[j, 5] += dt * (f[1] * p0 - f[0] * p1)
-        if n == 15:
-            for i in range(3):
-                cov[j, 3 + i] -= dt * (c[i, 0] * cov[j, 9] + c[i, 1] * cov[j, 10] + c[i, 2] * cov[j, 11])
-                cov[j, 6 + i] -= dt * (c[i, 0] * cov[j, 12] + c[i, 1] * cov[j, 13] + c[i, 2] * cov[j, 14])
-    for i in range(n):
-        for j in range(i):
-            cov[i, j] = cov[j, i]
+                cov[r + i] += dt * cov[r + 3 + i]
+        if r < 6 * ROW:
+            cov[r + 3] += f2 * p1 - f1 * p2
+            cov[r + 4] += f0 * p2 - f2 * p0
+            cov[r + 5] += f1 * p0 - f0 * p1
+        for i in range(3 if size == 15 else 0):
+            c0, c1, c2 = dt * c[i, 0], dt * c[i, 1], dt * c[i, 2]
+            cov[r + 3 + i] -= c0 * cov[r + 9] + c1 * cov[r + 10] + c2 * cov[r + 11]
+            cov[r + 6 + i] -= c0 * cov[r + 12] + c1 * cov[r + 13] + c2 * cov[r + 14]
+    for i in range(1, size):
+        for j in range(min(i, 9)):
+            cov[i * ROW + j] = cov[j * ROW + i]
 
 
-@njit(cache=True, error_model="numpy")
-def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, gain: Any, size: Any) -> Any:
-    """Kalman update of the error with a measurement of one of its states; returns the variance of the innovation."""
-    n = size
-    variance = cov[index, index] + noise
-    scale = 1.0 / variance
-    for i in range(n):
-        gain[i] = cov[index, i] * scale
-    for i in range(n):
-        weight = gain[i] * variance
-        for j in range(n):
-            cov[i, j] -= weight * gain[j]
-        error[i] += gain[i] * innovation
-    return variance
+@helper
+def _measure(cov: Any, error: Any, first: Any, off: Any, noise: float, updates: Any, k: int, which: int) -> float:
+    """Kalman update of the error (16,) with three of its states from `first` on, or with the yaw; returns the NIS.
+
+    Args: the covariance (256,) in rows of 16; measured errors `off` (3,) and the variance of each; `Record.updates`.
+    """
+    kept = updates[k, which]
+    rows = cov[first * ROW : (first + 3) * ROW]
+    f = first
+    scale0 = 1.0 / math.sqrt(rows[f] + noise)  # the variances of the innovations, as a product with a triangle
+    t10, t20 = scale0 * rows[f + 1], scale0 * rows[f + 2]
+    scale1 = 1.0 / math.sqrt(max(rows[ROW + f + 1] - t10 * t10, 0.0) + noise)
+    t21 = scale1 * (rows[ROW + f + 2] - t10 * t20)
+    scale2 = 1.0 / math.sqrt(max(rows[2 * ROW + f + 2] - t20 * t20 - t21 * t21, 0.0) + noise)
+    if first == YAW:
+        scale1, scale2 = 0.0, 0.0
+    off0 = scale0 * (off[0] - error[f])
+    off1 = scale1 * (off[1] - error[f + 1] - t10 * off0)
+    off2 = scale2 * (off[2] - error[f + 2] - t20 * off0 - t21 * off1)
+    for j in range(ROW):
+        gain0 = scale0 * rows[j]
+        gain1 = scale1 * (rows[ROW + j] - t10 * gain0)
+        gain2 = scale2 * (rows[2 * ROW + j] - t20 * gain0 - t21 * gain1)
+        kept[j], kept[ROW + j], kept[2 * ROW + j] = gain0, gain1, gain2
+        error[j] += gain0 * off0 + gain1 * off1 + gain2 * off2
+    kept[48], kept[49], kept[50], kept[51], kept[52], kept[53] = off0, off1, off2, scale0, scale1, scale2
+    for j in range(ROW):  # in this order, and of a constant length, the compiler makes vectors of it
+        for i in range(15):
+            cov[i * ROW + j] -= kept[i] * kept[j] + kept[16 + i] * kept[16 + j] + kept[32 + i] * kept[32 + j]
+    return float(off0 * off0 + off1 * off1 + off2 * off2)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any, carried_s: float) -> None:
     """Strapdown and covariance over `dt` with `sample` (6,) specific force and rate, carried on for `carried_s`.
 
     Writes the specific force in the world frame, `f` (3,), and the mean attitude, `c` (3, 3).
     """
-    n = size
     rate0, rate1, rate2 = sample[3] - x[13], sample[4] - x[14], sample[5] - x[15]
     if dt > BRIDGE_S:  # the motion is unknown: the velocity is kept, the covariance grows
         _rotation(x, c)
@@ -233,14 +252,14 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
         force = alike_s * noise.carried_force_fraction**2 * push
         turn = alike_s * noise.carried_rate_fraction**2 * (rate0**2 + rate1**2 + rate2**2)
     for i in range(3):
-        cov[3 + i, 3 + i] += (noise.accel_density**2 + force) * dt
-        cov[6 + i, 6 + i] += (noise.gyro_density**2 + turn) * dt
-        if n == 15:
-            cov[9 + i, 9 + i] += BIAS_WALK**2 * dt
-            cov[12 + i, 12 + i] += BIAS_WALK**2 * dt
+        cov[(3 + i) * 17] += (noise.accel_density**2 + force) * dt
+        cov[(6 + i) * 17] += (noise.gyro_density**2 + turn) * dt
+        if size == 15:
+            cov[(9 + i) * 17] += BIAS_WALK**2 * dt
+            cov[(12 + i) * 17] += BIAS_WALK**2 * dt
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool) -> None:
     """Learns where the range of each axis ends, on either side, before `previous` has become sample k.
 
@@ -251,35 +270,33 @@ def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool) 
     for row in range(6):
         axis, sign = row // 2, 1.0 - 2.0 * (row % 2)
         now, before, earlier = sign * gyro[k, axis], sign * previous[4 + axis], sign * previous[7 + axis]
-        limit = limits[row]
-        if is_fresh and now == before and now == earlier and now > HELD_RATE_RADPS and now > 0.985 * limit[1]:
-            if now > 1.015 * limit[1]:
-                limit[1], limit[2], limit[3] = now, 0.0, 0.0
-            limit[2] += 1.0
-        limit[0] = max(limit[0], min(now, before, earlier))
-        if limit[1] > 0.0 and now > 0.9 * limit[1]:
-            limit[3] += 1.0 if now > 0.985 * limit[1] else -1.0
-        if limit[0] > HELD_RATE_RADPS and now < 0.5 * limit[0]:
-            if limit[0] > 1.015 * limit[1]:
-                limit[1], limit[2], limit[3] = limit[0], 1.0, 0.0
-            elif limit[0] > 0.985 * limit[1]:
-                limit[2] += 1.0
-            limit[0] = 0.0
+        if is_fresh and now == before and now == earlier and now > HELD_RATE_RADPS and now > 0.985 * limits[row, 1]:
+            if now > 1.015 * limits[row, 1]:
+                limits[row, 1], limits[row, 2], limits[row, 3] = now, 0.0, 0.0
+            limits[row, 2] += 1.0
+        limits[row, 0] = max(limits[row, 0], min(now, before, earlier))
+        if limits[row, 1] > 0.0 and now > 0.9 * limits[row, 1]:
+            limits[row, 3] += 1.0 if now > 0.985 * limits[row, 1] else -1.0
+        if limits[row, 0] > HELD_RATE_RADPS and now < 0.5 * limits[row, 0]:
+            if limits[row, 0] > 1.015 * limits[row, 1]:
+                limits[row, 1], limits[row, 2], limits[row, 3] = limits[row, 0], 1.0, 0.0
+            elif limits[row, 0] > 0.985 * limits[row, 1]:
+                limits[row, 2] += 1.0
+            limits[row, 0] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def _find_clipped(memory: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: Any, excess: Any) -> None:
+@helper
+def _find_clipped(largest: Any, limits: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: Any, excess: Any) -> None:
     """Writes `sigma` (3,), how far off clipping may make the rates of sample k, and `excess` (3,), what is missing."""
-    largest, limits = memory.largest_rate, memory.limits
     for axis in range(3):
         largest[axis] = max(largest[axis], abs(gyro[k, axis]))
     is_wide = max(largest[0], largest[1], largest[2]) > WIDEST_RATE_RADPS
     for axis in range(3):
         rate = abs(gyro[k, axis])
-        limit = limits[2 * axis + (0 if gyro[k, axis] > 0.0 else 1)]
+        row = 2 * axis + (0 if gyro[k, axis] > 0.0 else 1)
         excess[axis] = 0.0
-        if limit[2] >= MIN_AT_LIMIT and limit[3] > 0.0:
-            is_clipped = rate > 0.98 * limit[1]
+        if limits[row, 2] >= MIN_AT_LIMIT and limits[row, 3] > 0.0:
+            is_clipped = rate > 0.98 * limits[row, 1]
             if is_clipped:
                 excess[axis] = CLIPPED_EXCESS_RADPS * math.copysign(math.exp(-rate / EXCESS_RADPS), gyro[k, axis])
         else:
@@ -289,18 +306,15 @@ def _find_clipped(memory: Any, held: Any, gyro: Any, k: int, noise: Any, sigma: 
         sigma[axis] = doubt if is_clipped or held[axis] else 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def _doubt_clipped(cov: Any, sigma: Any, dt: float, c: Any) -> None:
-    """Noise of the attitude about each axis from its rate, `sigma` (3,), which may be larger than it is shown."""
-    for axis in range(3):
-        if sigma[axis] > 0.0:
-            extra = (sigma[axis] * dt) ** 2
-            for i in range(3):
-                for j in range(3):
-                    cov[6 + i, 6 + j] += c[i, axis] * c[j, axis] * extra
+@helper
+def _doubt_turn(cov: Any, c: Any, axis: int, variance: float) -> None:
+    """Noise of the attitude about an axis of the unit."""
+    for i in range(3):
+        for j in range(3):
+            cov[(6 + i) * ROW + 6 + j] += c[i, axis] * c[j, axis] * variance
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _doubt_gap(cov: Any, dt: float, sample: Any, recent: Any, f: Any, c: Any) -> None:
     """Noise of a gap: the mean of its ends errs as it does for an oscillation as large as the motion of late.
 
@@ -308,17 +322,14 @@ def _doubt_gap(cov: Any, dt: float, sample: Any, recent: Any, f: Any, c: Any) ->
     """
     lasts = min(dt, GAP_SWING_RADPS**2 * dt**3 / 12.0)
     for axis in range(3):
-        turn = 2.0 * lasts**2 * max(recent[axis], sample[3 + axis] ** 2)
-        for i in range(3):
-            for j in range(3):
-                cov[6 + i, 6 + j] += c[i, axis] * c[j, axis] * turn
+        _doubt_turn(cov, c, axis, 2.0 * lasts**2 * max(recent[axis], sample[3 + axis] ** 2))
         motion = f[axis] - (GRAVITY_MPS2 if axis == 2 else 0.0)
         speed = 2.0 * lasts**2 * max(recent[3 + axis], motion**2)
-        cov[3 + axis, 3 + axis] += speed
-        cov[axis, axis] += 0.25 * dt**2 * speed
+        cov[(3 + axis) * 17] += speed
+        cov[axis * 17] += 0.25 * dt**2 * speed
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _remember(recent: Any, dt: float, x: Any, sample: Any, f: Any) -> None:
     """Follows how strongly the foot moves."""
     weight = min(dt, 1.0)
@@ -328,7 +339,7 @@ def _remember(recent: Any, dt: float, x: Any, sample: Any, f: Any) -> None:
         recent[3 + i] += weight * (motion**2 - recent[3 + i])
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _stand(still: Any, x: Any, dt: float, gyro: Any, k: int, is_still: bool) -> bool:
     """Counts how long the foot stands still; True once the gyroscope has it turn more than a foot at rest does."""
     if not is_still:
@@ -343,7 +354,7 @@ def _stand(still: Any, x: Any, dt: float, gyro: Any, k: int, is_still: bool) -> 
     return bool(still[4] == 0.0 and still[0] >= TURN_ON_STILL_S and turned > TURN_ON_RAD**2)
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _off_heading(x: Any, field: Any, k: int, field_heading_rad: float, c: Any) -> float:
     """By how much the magnetic field should be turned, as the attitude has it; wrapped, counter-clockwise, radians."""
     _rotation(x, c)
@@ -353,7 +364,7 @@ def _off_heading(x: Any, field: Any, k: int, field_heading_rad: float, c: Any) -
     return off - 2 * math.pi * math.floor((off + math.pi) / (2 * math.pi))
 
 
-@njit(cache=True, error_model="numpy")
+@helper
 def _rolling_mps(x: Any, gyro: Any, k: int, axis: int, height_m: float, c: Any) -> float:
     """Velocity, along one axis of the world, of a unit that sits `height_m` above the point the foot rolls about."""
     if height_m == 0.0 or axis == 2:
@@ -363,15 +374,6 @@ def _rolling_mps(x: Any, gyro: Any, k: int, axis: int, height_m: float, c: Any) 
     for j in range(3):
         rate += c[other, j] * (gyro[k, j] - x[13 + j])
     return height_m * rate if axis == 0 else -height_m * rate
-
-
-@njit(cache=True, error_model="numpy")
-def _keep(record: Any, k: int, slot: int, index: int, gain: Any, innovation: float, variance: float) -> None:
-    record.which[k, slot] = index
-    record.innovation[k, slot] = innovation
-    record.variance[k, slot] = variance
-    for i in range(len(gain)):
-        record.gain[k, slot, i] = gain[i]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -397,16 +399,22 @@ def advance(
         record: `Record`, written where `keeps`.
         keeps: Whether the smoother will follow.
     """
-    x, cov, previous, _, _, still, recent, field_heading, size = memory
-    n = size
-    f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
+    x, square, previous, largest_rate, limits, still, recent, field_heading, size = memory
+    kept_cov, kept_step, kept_updates = record  # once: each use of a member counts references to it
+    f, c, off, error, cov = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(16), np.zeros(256)
     sample, excess, held, clipped = np.zeros(6), np.zeros(3), np.zeros(3, dtype=np.bool_), np.zeros(3)
+    updates = kept_updates if keeps else np.zeros((1, NUM_UPDATES, 54))
+    for i in range(size):
+        for j in range(size):
+            cov[i * ROW + j] = square[i, j]
     for k in range(len(t_s)):
         dt, is_carried = t_s[k] - previous[0], math.isnan(sigma_mps[k])
         nis[k] = np.nan
+        row = k if keeps else 0
         if keeps:
-            record.which[k] = -1
-            record.step[k, 0] = 0.0
+            kept_step[k, 0] = 0.0
+        for i in range(NUM_UPDATES):
+            updates[row, i, 51], updates[row, i, 52], updates[row, i, 53] = 0.0, 0.0, 0.0
         if dt > 0.0:
             weight = 0.5 if dt > noise.gap_s else 1.0  # across a gap the mean of both ends
             for i in range(3):
@@ -419,9 +427,9 @@ def advance(
                 is_same = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > HELD_RATE_RADPS
                 held[i] = finds_clipped and is_fresh and is_same
             if finds_clipped:
-                _find_limits(memory.limits, gyro, previous, k, is_fresh)
+                _find_limits(limits, gyro, previous, k, is_fresh)
             if dt <= noise.gap_s and not is_carried:
-                _find_clipped(memory, held, gyro, k, noise, clipped, excess)
+                _find_clipped(largest_rate, limits, held, gyro, k, noise, clipped, excess)
                 for i in range(3):
                     sample[3 + i] += excess[i]
             for i in range(3):
@@ -434,65 +442,59 @@ def advance(
                 _doubt_gap(cov, dt, sample, recent, f, c)
             _remember(recent, dt, x, sample, f)
             if dt <= noise.gap_s and not is_carried:
-                _doubt_clipped(cov, clipped, dt, c)
-            if keeps:
-                record.step[k, 0] = dt
                 for i in range(3):
-                    record.step[k, 1 + i] = f[i]
+                    if clipped[i] > 0.0:  # the rate may be larger than it is shown
+                        _doubt_turn(cov, c, i, (clipped[i] * dt) ** 2)
+            if keeps:
+                kept_step[k, 0] = dt
+                for i in range(3):
+                    kept_step[k, 1 + i] = f[i]
                     for j in range(3):
-                        record.step[k, 4 + 3 * i + j] = c[i, j]
+                        kept_step[k, 4 + 3 * i + j] = c[i, j]
             rate_noise = rate_sigma_radps[k] ** 2
             has_update = False
             if sigma_mps[k] < np.inf:
                 has_update = True
-                nis[k], doubt = 0.0, 1.0
+                doubt = 1.0
                 for i in range(3):
-                    off = _rolling_mps(x, gyro, k, i, noise.unit_height_m, c) - x[3 + i]
-                    doubt += off**2 / (cov[3 + i, 3 + i] + noise.slip_mps**2)
-                for i in range(3):
-                    innovation = _rolling_mps(x, gyro, k, i, noise.unit_height_m, c) - x[3 + i] - error[3 + i]
-                    variance = _measure(cov, error, 3 + i, innovation, doubt * sigma_mps[k] ** 2, gain, size)
-                    nis[k] += innovation * innovation / variance
-                    if keeps:
-                        _keep(record, k, i, 3 + i, gain, innovation, variance)
-            if n == 15:
+                    off[i] = _rolling_mps(x, gyro, k, i, noise.unit_height_m, c) - x[3 + i]
+                    doubt += off[i] ** 2 / (cov[(3 + i) * 17] + noise.slip_mps**2)
+                nis[k] = _measure(cov, error, VELOCITY, off, doubt * sigma_mps[k] ** 2, updates, row, 0)
+            if size == 15:
                 is_still = rate_noise < np.inf and dt <= noise.gap_s  # the rotation in a gap is unknown
                 is_turn_on = _stand(still, x, dt, gyro, k, is_still)
                 if rate_noise < np.inf:
                     has_update = True
                     for i in range(3):
-                        innovation = gyro[k, i] - x[13 + i] - error[12 + i]
+                        off[i] = gyro[k, i] - x[13 + i]
                         if is_turn_on:  # the bias the unit was switched on with is larger than the prior of the filter
-                            off = still[1 + i] / still[0]
-                            innovation = off - error[12 + i]
+                            off[i] = still[1 + i] / still[0]
                             rate_noise = TURN_ON_SIGMA_RADPS**2
-                            cov[12 + i, 12 + i] += off**2 + rate_noise
+                            cov[(12 + i) * 17] += off[i] ** 2 + rate_noise
                             still[4] = 1.0
-                        variance = _measure(cov, error, 12 + i, innovation, rate_noise, gain, size)
-                        if keeps:
-                            _keep(record, k, 3 + i, 12 + i, gain, innovation, variance)
+                    _measure(cov, error, RATE, off, rate_noise, updates, row, 1)
             if not math.isnan(field[k, 0]):
                 if math.isnan(field_heading[0]):
                     field_heading[0] = -_off_heading(x, field, k, 0.0, c)
-                innovation = _off_heading(x, field, k, field_heading[0], c) - error[8]
+                off[0] = _off_heading(x, field, k, field_heading[0], c)
                 heading_noise = noise.heading_sigma_rad**2
-                if innovation**2 < noise.heading_gate**2 * (cov[8, 8] + heading_noise):
+                if (off[0] - error[8]) ** 2 < noise.heading_gate**2 * (cov[8 * 17] + heading_noise):
                     has_update = True
-                    variance = _measure(cov, error, YAW, innovation, heading_noise, gain, size)
-                    if keeps:
-                        _keep(record, k, HEADING_UPDATE, YAW, gain, innovation, variance)
+                    _measure(cov, error, YAW, off, heading_noise, updates, row, 2)
             if has_update:
                 correct(x, error, size)
-                for i in range(n):
+                for i in range(size):
                     error[i] = 0.0
         for i in range(16):
             out_x[k, i] = x[i]
         for i in range(4):
-            a = i if i < 3 else 8
+            a = (i if i < 3 else 8) * ROW
             for j in range(3):
-                out_cov[k, i, j] = cov[a, j]
-            out_cov[k, i, 3] = cov[a, 8]
+                out_cov[k, i, j] = cov[a + j]
+            out_cov[k, i, 3] = cov[a + 8]
         if keeps:
-            for i in range(len(cov)):
-                for j in range(len(cov)):
-                    record.cov[k, i, j] = cov[i, j]
+            for i in range(3 * ROW, 15 * ROW):
+                kept_cov[k, i] = cov[i]
+    for i in range(size):
+        for j in range(size):
+            square[i, j] = cov[i * ROW + j]

@@ -129,7 +129,7 @@ class RestDetector:
         # Neighbouring samples err alike: a faster sensor has more of them, each of which says less.
         self._scale = math.sqrt(rate_hz / 200.0) if detector.kind == "soft" else 1.0
         self._rate_hz = rate_hz
-        self._tail = np.zeros((0, 6))
+        self._tail = np.zeros((0, 3)), np.zeros((0, 3))
         self._since = np.full(2, np.inf)  # since when: within the interval, standing still
         self._recent = np.array([np.nan, 0.0])  # time of the last sample, mean of the statistic before it
 
@@ -141,11 +141,11 @@ class RestDetector:
             accel: (n, 3) specific force, m/s2.
             gyro: (n, 3) rate, rad/s.
         """
-        d, known = self._detector, len(self._tail)
+        d, known = self._detector, len(self._tail[0])
         t_s = np.array(t_s)  # for a read-only array, or a column of a table, the kernel would be compiled again
-        both = np.concatenate([self._tail, np.concatenate([accel, gyro], axis=1)])
-        self._tail = both[max(len(both) - self._rows + 1, 0) :].copy()
-        a, w = np.ascontiguousarray(both[:, :3]), np.ascontiguousarray(both[:, 3:])
+        a, w = np.concatenate([self._tail[0], accel]), np.concatenate([self._tail[1], gyro])
+        low = max(len(a) - self._rows + 1, 0)
+        self._tail = a[low:].copy(), w[low:].copy()
         scales = (d.sigma_accel_mps2, d.sigma_gyro_radps, GRAVITY_MPS2)
         shoe = statistic("shoe", a, w, self._rows, *scales)[known:]
         is_quiet = shoe < d.still_threshold
@@ -161,7 +161,7 @@ class RestDetector:
         if d.kind == "soft":
             recent = recent_mean(t_s, shoe, d.knee_memory_s, self._recent)
             knee = np.maximum(d.knee_fraction * recent, d.lowest_knee)
-            sigma = self._scale * soft_sigma(shoe, np.linalg.norm(gyro, axis=1), d, knee)
+            sigma = self._scale * soft_sigma(shoe, np.sqrt(np.einsum("ij,ij->i", gyro, gyro)), d, knee)
             return Rest(sigma, rate_sigma, shoe)
         value = shoe if d.kind == "shoe" else statistic(d.kind, a, w, self._rows, *scales)[known:]
         return Rest(np.where(value < d.threshold, d.sigma_mps, np.inf), rate_sigma, value)
