@@ -19,7 +19,6 @@ from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap
 from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, Transition, mean_of
-from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.lost import ScanBelief
@@ -31,7 +30,7 @@ from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, debug_of, motion_of, stored
-from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner, WindowNetwork
+from pdrbench_baselines.learned.reckoning import EVERY_S, Move
 from pdrbench_baselines.learned.signals import turned
 
 KEPT_DOUBT: Final = 0.9  # of doubts of a plan, from one second to the next
@@ -187,19 +186,6 @@ class Fusion(NetworkLocalizer):
             sigma_m=self._sigma_factors[0] * cloud.sigma_m,
             converged=None if self._start_is_known else cloud.sigma_m <= own.one_place_m,
         )
-
-    def _extrapolated_m(self, now_s: float) -> FloatArray:
-        """(2,) how far the walker has come since the last second, by a network that is asked in between as well."""
-        carried_m = super()._extrapolated_m(now_s)
-        since_s = min(now_s - self._end_s, self._carry_s)
-        if not isinstance(self._reckoner, ContinuedReckoner) or since_s <= 0.0:
-            return carried_m
-        cloud = self._best.cloud
-        return carried_m + cloud.mean_scale * turned(self._reckoner.turned_off_m(since_s), cloud.mean_bias_rad)
-
-    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing, length_factor: float) -> Reckoner:
-        kind = ContinuedReckoner if briefing.start is not None and briefing.carrier == PHONE else Reckoner
-        return kind(network, briefing, length_factor=length_factor)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""

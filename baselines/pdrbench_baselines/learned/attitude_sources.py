@@ -256,17 +256,10 @@ def _steadied(steady: YawStabiliser, rotation: FloatArray, gyro: FloatArray) -> 
     return {"rotation": rotation, "compass": np.column_stack([rotation[:, 0], steady.means_rad])}
 
 
-def rows_of(briefing: Briefing, own_attitude: bool = False) -> PhoneSource | OwnAttitudeSource | FootSource:
-    """What makes rows with an attitude of those that a briefing names.
-
-    Args:
-        briefing: Names them.
-        own_attitude: Whether the attitude of a phone is computed where it reports none.
-    """
+def rows_of(briefing: Briefing) -> PhoneSource | OwnAttitudeSource | FootSource:
+    """What makes rows with an attitude of those that a briefing names."""
     if briefing.carrier == PHONE:
-        if own_attitude and "rotation" not in briefing.sensors:
-            return OwnAttitudeSource(briefing)
-        return PhoneSource()
+        return PhoneSource() if "rotation" in briefing.sensors else OwnAttitudeSource(briefing)
     heading_rad = None if briefing.start is None else briefing.start.heading_rad
     accel = briefing.sensors.get("accel")
     return FootSource((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)

@@ -13,7 +13,7 @@ from pdrbench.inertial import WAYS
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.compiled import CompiledNetwork, compiled_network
-from pdrbench_baselines.learned.reckoning import Reckoner, WindowNetwork
+from pdrbench_baselines.learned.reckoning import Reckoner
 
 BY_LIFT: Final = float(WAYS.index("lift"))
 CARRY_S: Final = 1.2  # ours: between seconds the answer goes on at the last velocity, so long at most
@@ -41,15 +41,12 @@ class NetworkLocalizer:
         network = self._network(self._weights or carrier)
         start = briefing.start
         self._heading_rad = None if start is None else start.heading_rad
-        if network.own_attitude and self._heading_rad is None and not {"rotation", "mag"} & set(briefing.sensors):
+        if carrier == PHONE and self._heading_rad is None and not {"rotation", "mag"} & set(briefing.sensors):
             raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
-        self._reckoner = self._new_reckoner(network, briefing, length_factor)
+        self._reckoner = Reckoner(network, briefing, length_factor=length_factor)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         # A foot knows its own height.
         self._has_level_changes = "level_change" in briefing.sensors and carrier == PHONE
-
-    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing, length_factor: float) -> Reckoner:
-        return Reckoner(network, briefing, length_factor=length_factor)
 
     def _network(self, weights: str) -> CompiledNetwork:
         if weights not in self._networks:

@@ -170,7 +170,7 @@ class CompiledNetwork:
 
     def __init__(self, arrays: Arrays, form: Mapping[str, Any], path: Path) -> None:
         self.carried = str(form.get("carried", PHONE))
-        self.own_attitude = is_phone = self.carried == PHONE
+        is_phone = self.carried == PHONE
         expected = CNN if is_phone else _RESNET
         if form.get("arch") != expected:
             raise DatasetError(f"{path}: {form.get('arch')!r} is no network of a {self.carried}; train with `{TRAIN}`")

@@ -58,14 +58,10 @@ class WindowNetwork(Protocol):
 
     Attributes:
         carried: What carries the sensors, "phone" or "foot".
-        own_attitude: Whether it is asked where a phone reports no rotation vector.
     """
 
     @property
     def carried(self) -> str: ...
-
-    @property
-    def own_attitude(self) -> bool: ...
 
     def ask(self, features: FloatArray, height_m: float, memory: Any) -> tuple[WindowAnswer, Any]:
         """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory.
@@ -117,9 +113,9 @@ class Reckoner:
         carrier = briefing.carrier
         if network.carried != carrier:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carrier}: leave them out")
-        self._source = source = rows_of(briefing, network.own_attitude)
+        self._source = source = rows_of(briefing)
         briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
-        self._network, self._memory, self._latest_m = network, None, np.zeros(2)
+        self._network, self._memory = network, None
         names = dict.fromkeys(
             (*source.sensors, *({"mag"} & briefing.sensors.keys()))
         )  # a field helps, none is waited for
@@ -212,26 +208,6 @@ class Reckoner:
         self._unknown_ends_s = []
         yield move
 
-    def latest_change_m(self) -> tuple[float, FloatArray] | None:
-        """Between two seconds: by how much more the second that ends with the newest samples says than the last one.
-
-        Returns:
-            since_s: How long after the last second it ends.
-            change_m: (2,) its displacement less that of the last second; None where either is not known.
-        """
-        turn_rad = self._source.turn_rad
-        if turn_rad is None or self._last is None or self._last.is_guess:
-            return None
-        self._take()
-        end_s = min(float(rows[-1, 0]) for rows in self._rows.values())
-        window, missing_s = self._seen(end_s)
-        if window is None or missing_s:
-            return None
-        features, yaw_rad = window
-        said, _ = self._network.ask(features, self._height_m, self._memory)
-        move_m = np.zeros(2) if said.standing > 0.0 else turned(said.move_m, yaw_rad)
-        return end_s - self._last.end_s, self._length_factor * turned(move_m - self._latest_m, turn_rad)
-
     def _seen(self, end_s: float) -> tuple[tuple[FloatArray, float] | None, float]:
         """The window before a time with its yaw, None where its last second is not known; and what is missing of it."""
         assert self._first_s is not None
@@ -266,9 +242,9 @@ class Reckoner:
         said, self._memory = self._network.ask(features, self._height_m, self._memory)
         shaking_mps2 = math.sqrt(features[:3, -HORIZON:].var(axis=1).sum())
         stands = said.standing > 0.0 or (self._network.carried == PHONE and shaking_mps2 < AT_REST_MPS2)
-        self._latest_m = np.zeros(2) if stands else turned(said.move_m, yaw_rad)
+        move_m = np.zeros(2) if stands else turned(said.move_m, yaw_rad)
         factor = turned(said.cholesky_m.T, yaw_rad).T
-        return Move(end_s, self._latest_m, factor @ factor.T, stands, False)
+        return Move(end_s, move_m, factor @ factor.T, stands, False)
 
     def _forget(self) -> None:
         for name, rows in self._rows.items():

@@ -114,7 +114,6 @@ class Network(nn.Module):
     more_features: ClassVar[int] = 0  # of a window, beside those of the trunk
     change: ClassVar[int] = CHANGE
     outputs: ClassVar[int] = OUTPUTS
-    own_attitude: ClassVar[bool] = False  # whether it is asked where a phone reports no rotation vector
 
     def __init__(self, arch: str = "resnet", width: int = 32, carried: str = PHONE) -> None:
         super().__init__()
@@ -229,7 +228,6 @@ class PhoneNetwork(nn.Module):
     width: ClassVar[int] = WIDTHS[0]
     carried: ClassVar[str] = PHONE
     inputs: ClassVar[int] = CNN_INPUTS
-    own_attitude: ClassVar[bool] = True
 
     def __init__(self) -> None:
         super().__init__()

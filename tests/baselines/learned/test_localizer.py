@@ -79,26 +79,6 @@ def test_chunks_do_not_matter(rng: np.random.Generator) -> None:
     np.testing.assert_allclose([move.move_m for move in one], [move.move_m for move in two], atol=1e-6)
 
 
-def test_what_is_asked_between_seconds_leaves_them_as_they_are(rng: np.random.Generator) -> None:
-    rows, asked, alone = (
-        phone(rng),
-        Reckoner(compiled_network("phone"), briefing()),
-        Reckoner(compiled_network("phone"), briefing()),
-    )
-    assert asked.latest_change_m() is None
-    found: dict[Reckoner, list[FloatArray]] = {asked: [], alone: []}
-    latest: list[tuple[float, FloatArray] | None] = []
-    for begin_s in np.arange(0.0, 9.0, 0.2) - 0.01:
-        part = {name: one[(one[:, 0] > begin_s) & (one[:, 0] < begin_s + 0.2)] for name, one in rows.items()}
-        for reckoner, moves_m in found.items():
-            moves_m += [move.move_m for move in reckoner.update(part)]
-        latest.append(asked.latest_change_m())
-    np.testing.assert_allclose(found[asked], found[alone], rtol=1e-12)  # rows are summed in other parts
-    since_s, change_m = zip(*(one for one in latest if one is not None), strict=True)
-    assert len(found[asked]) == 8 and min(since_s) == pytest.approx(0.18) and max(since_s) == pytest.approx(0.98)
-    assert (np.hypot(*np.transpose(change_m)) < 1.0).all()
-
-
 @pytest.mark.parametrize("rate_hz", [25.0, 100.0, 200.0])
 def test_other_rates_give_nearly_the_same_detections(rate_hz: float) -> None:
     usual, other = (

@@ -34,7 +34,7 @@ class PhoneStream:
         has_heading = briefing.start is not None and briefing.start.heading_rad is not None
         if not has_heading and not {"rotation", "mag"} & set(briefing.sensors):
             raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
-        self._source = source = rows_of(briefing, own_attitude=True)
+        self._source = source = rows_of(briefing)
         briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
         self.rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         self._checks = RowChecks("odometry", self.rows)

@@ -1,4 +1,4 @@
-"""Displacements of a network second by second, and between seconds."""
+"""Displacements of a network second by second."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.radio import survey_of_readings
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.reckoning import FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer
@@ -26,7 +25,6 @@ class Says:
     """A network that says displacements, ahead, one after the other, and then the last one of every window."""
 
     carried = PHONE
-    own_attitude = False
 
     def __init__(self, *x_m: float) -> None:
         self._x_m = list(x_m)
@@ -45,37 +43,29 @@ def level_rows(seconds: float, shaking_mps2: float = 2.0) -> dict[str, FloatArra
     return rows
 
 
-def continued(*x_m: float, length_factor: float = 1.0) -> ContinuedReckoner:
-    """After its first second."""
-    reckoner = ContinuedReckoner(Says(*x_m), briefing(), length_factor=length_factor)
-    assert len(list(reckoner.update(level_rows(1.5)))) == 1
-    return reckoner
-
-
 @pytest.mark.parametrize("shaking_mps2", [0.2, 2.0])
 def test_a_phone_that_hardly_shakes_is_at_rest_whatever_a_network_says(shaking_mps2: float) -> None:
     moves = list(Reckoner(Says(1.0), briefing()).update(level_rows(3.5, shaking_mps2)))
     assert [(move.stands, move.move_m[0]) for move in moves] == [(shaking_mps2 < 1.0, shaking_mps2 > 1.0)] * 3
 
 
-def test_between_seconds_a_velocity_that_changes_evenly_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """v = 1.2 - 0.4 t: 1.4 m in the second before t = 0, 0.4 m less per second in one that ends later."""
-    reckoner = continued(1.4)
-    for since_s in (0.2, 0.6):
-        latest = since_s, np.array([-0.4 * since_s, 0.0])
-        monkeypatch.setattr(reckoner, "latest_change_m", lambda latest=latest: latest)
-        way_m = 1.4 * since_s + reckoner.turned_off_m(since_s)[0]
-        assert way_m == pytest.approx(1.4 * 0.2 if since_s == 0.2 else 1.2 * 0.6 - 0.2 * 0.6**2)
-    monkeypatch.setattr(reckoner, "latest_change_m", lambda: None)
-    # not asked again so soon: it goes on at the velocity of the second that was asked for
-    assert reckoner.turned_off_m(0.8)[0] == pytest.approx(reckoner.turned_off_m(0.6)[0] - 0.24 * 0.2)
+@pytest.mark.parametrize(("strength_ut", "part"), [(50.0, 0.5), (400.0, 0.0)])
+def test_half_of_the_compass_is_the_field_where_that_is_the_earths(strength_ut: float, part: float) -> None:
+    """A field that lies 0.6 rad west of the rotation vector's north; a magnet in the phone says nothing."""
+    rows = level_rows(3.5)
+    t_s = rows["accel"][:, 0]
+    north = strength_ut * np.array([-np.sin(0.6), np.cos(0.6), -1.0]) / np.sqrt(2.0)
+    rows["mag"] = np.column_stack([t_s, np.tile(north, (len(t_s), 1))])
+    with_field = dataclasses.replace(briefing(), sensors=dict(briefing().sensors) | {"mag": sensor_spec("mag")})
+    for move in Reckoner(Says(1.0), with_field).update(rows):
+        assert np.arctan2(move.move_m[1], move.move_m[0]) == pytest.approx(-part * 0.6, abs=1e-6)
+        assert move.compass_rad == pytest.approx(-part * 0.6, abs=1e-6)
 
 
 class Rocks:
     """A network that says the root mean square of what rocks the phone in the last second, ahead."""
 
     carried = PHONE
-    own_attitude = False
 
     def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
         x_m = float(np.sqrt((features[:3, -HORIZON:] ** 2).mean()))
@@ -131,14 +121,8 @@ def test_a_gap_that_leaves_too_little_to_go_on_from_fades_slowly() -> None:
 
 
 def test_lengths_are_multiplied() -> None:
-    reckoner = continued(1.0, 2.0, 1.2, length_factor=0.5)
-    latest = reckoner.latest_change_m()
-    assert latest is not None
-    np.testing.assert_allclose(latest[1], (0.5, 0.0))
-    later = {name: rows[rows[:, 0] >= 1.5] for name, rows in level_rows(2.5).items()}
-    (move,) = reckoner.update(later)
+    (move,) = Reckoner(Says(1.2), briefing(), length_factor=0.5).update(level_rows(1.5))
     np.testing.assert_allclose(move.move_m, (0.6, 0.0))
-    np.testing.assert_array_equal(reckoner.turned_off_m(0.1), np.zeros(2))  # a new second begins
 
 
 def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing:
