@@ -19,8 +19,10 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 
 MAX_RESTART_M: Final = 16.0  # a cloud that is spread wider says nothing
 MIN_ARRIVED: Final = 0.01  # fraction of particles that have taken the stairs by themselves, to go on with these alone
+MIN_ON_WAY: Final = 0.5  # ours: the same of those that are still on stairs
 ARRIVAL_M: Final = 1.0  # spread around stairs or a lift, per axis, where too few have
 ARRIVAL_TRIES: Final = 8
+SHAFT_M: Final = 0.5  # by which what is drawn of one shaft may be off from level to level
 
 
 class FilterError(PdrbenchError):
@@ -51,14 +53,15 @@ class MapFilter:
         """
         self._followed_level, self._building_followed = level, building
         if building is not None and self._map is not None and not self._is_one_level:
-            is_floor = np.array([polygon.kind == "floor" for polygon in building.polygons])
-            self._is_floor: BoolArray = is_floor[self._map.polygon]
+            kind = np.array([polygon.kind for polygon in building.polygons])[self._map.polygon]
+            self._is_floor: BoolArray = kind == "floor"
+            self._is_lift: BoolArray = kind == "lift"
 
     def _change_level(self, levels: int, *, by_lift: bool, rng: np.random.Generator) -> IntArray | None:
         """Puts all particles onto the level so many above.
 
-        Those that have come there by stairs draw the others to them; where too few have, or a lift was taken, all begin
-        anew at the stairs, or the lift, nearest to the estimate.
+        Those that have come there by stairs, are on stairs, or in a lift that stops there, draw the others to them;
+        where these are too few, all begin anew at the stairs, or the lift, nearest to the estimate.
 
         Returns:
             (N,) the particle whose place each has taken; None where all began anew.
@@ -75,17 +78,31 @@ class MapFilter:
             self._spread(self.num_particles, self.xy_m, ARRIVAL_M, rng, tries=ARRIVAL_TRIES)
             self._locate(on_level=True)
             return None
-        arrived = np.flatnonzero(self.particles_level == self.level)
-        if by_lift or len(arrived) < MIN_ARRIVED * self.num_particles:
+        on_way = (not by_lift) & ~(self._is_floor | self._is_lift)[self._cell]
+        arrived = (not by_lift) & (self.particles_level == self.level) | self._carried_by_lift()
+        came = np.flatnonzero(arrived | on_way)
+        if arrived.mean() < MIN_ARRIVED and on_way.mean() < MIN_ON_WAY:
             place_m = _arrival(building, self.xy_m, self.level, ("lift",) if by_lift else ("stairs", "ramp"))
             self._spread(self.num_particles, place_m, ARRIVAL_M, rng, tries=ARRIVAL_TRIES)
             self._locate(on_level=True)
             return None
-        chosen = arrived[rng.integers(len(arrived), size=self.num_particles)]
-        chosen[arrived] = arrived
+        chosen = came[rng.integers(len(came), size=self.num_particles)]
+        chosen[came] = came
         self._local_m, self._cell = self._local_m[chosen], self._cell[chosen]
         self._locate(on_level=True)
         return chosen
+
+    def _carried_by_lift(self) -> BoolArray:
+        """(N,) which particles are in a lift that stops at the level of now, onto which these are put."""
+        assert self._map is not None
+        carried = self._is_lift[self._cell]
+        rides = np.flatnonzero(carried & (self._map.level[self._cell] != self.level))
+        if len(rides):
+            to_m, cell = self._map.nearest(self.particles_xy_m[rides], self.level)
+            stops = self._is_lift[cell] & (np.hypot(*(to_m - self.particles_xy_m[rides]).T) < SHAFT_M)
+            self._local_m[rides[stops]], self._cell[rides[stops]] = to_m[stops] - self._origin_m, cell[stops]
+            carried[rides[~stops]] = False
+        return carried
 
     def _enter(self, convex: ConvexMap | None, origin_xy_m: FloatArray, level: int) -> None:
         """Takes a map, or none: then no wall stops a particle, and `origin_xy_m` is where local coordinates are 0."""

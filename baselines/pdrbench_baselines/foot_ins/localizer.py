@@ -19,6 +19,7 @@ from pdrbench.inertial import (
     FootFilter,
     FootParams,
     FootStates,
+    LevelChange,
     LevelTracker,
     Strides,
     StrideSegmenter,
@@ -204,6 +205,9 @@ class FootInsRobust(FootIns):
 
     Args:
         params: See `FootInsParams`.
+
+    Attributes:
+        level_changes: By the barometer, of the last observation.
     """
 
     def __init__(self, params: FootInsParams = FOOT_INS_ROBUST) -> None:
@@ -216,13 +220,15 @@ class FootInsRobust(FootIns):
         has_air = "baro" in briefing.sensors
         self._tracker = LevelTracker(self._start.level, self._heights_m or None) if has_air else None
         self._changed: list[tuple[float, int]] = [(-math.inf, self._start.level)]  # when, and to which level
+        self.level_changes: list[LevelChange] = []
 
     def step(self, observation: Observation) -> Estimate:
         self._steps_s = np.zeros(0)
         estimate = super().step(observation)
         if self._tracker is None:
             return estimate
-        for change in self._tracker.update(observation["baro"], self._steps_s):
+        self.level_changes = self._tracker.update(observation["baro"], self._steps_s)
+        for change in self.level_changes:
             self._changed.append((change.t_s, self._changed[-1][1] + change.levels))
         self._estimate = replace(estimate, level=self._tracker.level)
         return self._estimate

@@ -19,6 +19,7 @@ from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap
 from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, Transition, mean_of
+from pdrbench_baselines.foot_ins.localizer import FootInsRobust
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.lost import ScanBelief
@@ -26,8 +27,9 @@ from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.open_space import MARGIN_M, open_space
 from pdrbench_baselines.fusion.params import FUSION, FusionParams, ScanTrustParams
 from pdrbench_baselines.fusion.radio import ELSEWHERE, RadioEvidence, fraction_off_survey
+from pdrbench_baselines.fusion.shoe import ShoeReckoner
 from pdrbench_baselines.gp_wifi.fingerprints import FingerprintEvidence
-from pdrbench_baselines.learned.attitude_sources import PHONE
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.base import BY_LIFT, NetworkLocalizer
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, debug_of, motion_of, stored
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
@@ -61,6 +63,9 @@ class Fusion(NetworkLocalizer):
     and again, the plan, or the start on it, is wrong, and a cloud that walks in open space since the start goes on in
     its place: `debug` says so. Where scans have a phone's bearer somewhere else, half of the cloud is put there.
 
+    Displacements of a unit on a foot are those of `foot_ins_robust`, which answers alone where there is no plan; a
+    known start takes no scans, which err by more than a shoe.
+
     Args:
         params: See `FusionParams`.
     """
@@ -72,19 +77,29 @@ class Fusion(NetworkLocalizer):
         self._own = params
         self._radio: RadioEvidence | None = None
         self._lost: ScanBelief | None = None
+        self._shoe: ShoeReckoner | None = None
+        self._alone: FootInsRobust | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         own, start = self._own, briefing.start
         self._radio = radio = self._fitted(briefing)
         if start is None and radio is None:
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
+        self._alone = None
+        if briefing.carrier == FOOT and briefing.building is None and radio is None:
+            self._alone = FootInsRobust()
+            self._alone.reset(briefing, rng)
+            return
         is_known_phone = start is not None and briefing.carrier == PHONE
         is_interpolated = briefing.radio_map is not None and not briefing.radio_map.surveyed
         factor = own.interpolated_length_factor if is_known_phone and is_interpolated else 1.0
-        self._begin(briefing, factor)
         self._building, self._rng = briefing.building or open_space(briefing.radio_map, start), rng
-        self._compass, self._map_params, self._lost = None, own.map, None
-        if self._reckoner.has_compass:
+        self._compass, self._map_params, self._lost, self._shoe = None, own.map, None, None
+        if briefing.carrier == FOOT:
+            self._begin_on_foot(briefing)
+        else:
+            self._begin(briefing, factor)
+        if self._shoe is None and self._reckoner.has_compass:
             compass = own.open_compass if briefing.building is None else own.compass
             self._compass = CompassMean(compass)
             self._map_params = replace(own.map, bias_walk_rad=compass.walk_rad)
@@ -112,15 +127,21 @@ class Fusion(NetworkLocalizer):
             self._xy_m, self._level = middle.xy_m, middle.level
 
     def step(self, observation: Observation) -> Estimate:
-        for move in self._reckoner.update(observation.rows):
+        if self._alone is not None:
+            return self._alone.step(observation)
+        moves = self._reckoner.update(observation.rows) if self._shoe is None else self._shoe.update(observation)
+        for move in moves:
             self._walk(move)
         if self._radio is not None and (len(observation["wifi"]) or self._radio.waits):
             if self._start_is_known:
                 self._focus()
             for log_likelihood in self._radio.update(observation["wifi"]):
                 self._receive(log_likelihood, observation.now_s)
-        if self._has_level_changes and len(observation["level_change"]):
-            self._change_levels(observation)
+        if self._shoe is not None and self._shoe.level_changes:
+            self._change_levels(self._shoe.level_changes, observation.now_s)
+        elif self._shoe is None and self._has_level_changes and len(observation["level_change"]):
+            changes = [(int(levels), way == BY_LIFT) for _, levels, _, way in observation["level_change"].tolist()]
+            self._change_levels(changes, observation.now_s)
         estimate = self._estimate(observation.now_s)
         return self._answers.answered(observation.now_s, estimate)
 
@@ -129,6 +150,8 @@ class Fusion(NetworkLocalizer):
 
         Answers of before the first cloud are those of its time.
         """
+        if self._alone is not None:
+            return self._alone.revise()
         if not self._hypotheses:
             return None
         (rng,) = self._rng.spawn(1)
@@ -147,7 +170,7 @@ class Fusion(NetworkLocalizer):
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """The likeliest cloud, the mean of its states, and what fraction of the evidence it has."""
-        if not self._hypotheses:
+        if self._alone is not None or not self._hypotheses:
             return debug_of(None)
         cloud = self._best.cloud
         evidence = np.exp([each.cloud.log_evidence - cloud.log_evidence for each in self._hypotheses])
@@ -156,6 +179,14 @@ class Fusion(NetworkLocalizer):
             "evidence": np.array(1.0 / evidence.sum()),
             "plan_is_wrong": np.array(self._plan_is_wrong),
         }
+
+    def _begin_on_foot(self, briefing: Briefing) -> None:
+        """Displacements are those of `foot_ins_robust`; without a heading of the start they may lead anywhere."""
+        self._shoe = ShoeReckoner(briefing, self._rng)
+        self._heading_rad = None if briefing.start is None else briefing.start.heading_rad
+        self._has_level_changes, self._map_params = True, self._own.foot
+        if self._heading_rad is None:
+            self._map_params = replace(self._map_params, bias_sigma_rad=math.pi)
 
     @property
     def _every(self) -> list[Hypothesis]:
@@ -180,18 +211,26 @@ class Fusion(NetworkLocalizer):
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         cloud, own = self._best.cloud, self._own
         return Estimate(
-            xy_m=(cloud.xy_m if self._start_is_known else cloud.median_m) + self._extrapolated_m(now_s),
+            xy_m=(cloud.xy_m if self._start_is_known else cloud.median_m) + self._since_m(cloud, now_s),
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=self._sigma_factors[0] * cloud.sigma_m,
             converged=None if self._start_is_known else cloud.sigma_m <= own.one_place_m,
         )
 
+    def _since_m(self, cloud: Cloud, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last move of the particles."""
+        if self._shoe is None:
+            return self._extrapolated_m(now_s)
+        return turned(cloud.mean_scale * self._shoe.since_m, cloud.mean_bias_rad)
+
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
         radio_map = briefing.radio_map
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
+        if briefing.carrier == FOOT and briefing.start is not None:
+            return None  # a shoe errs by less than scans do
         radio, own, scans, params = self._radio, self._own, self._scans_of(radio_map), self._own.radio
         plan = briefing.building
         if briefing.start is not None and plan is not None:  # a walk may lead anywhere on a surveyed level
@@ -327,10 +366,11 @@ class Fusion(NetworkLocalizer):
                 cloud.begin_over(log_likelihood)
                 self._hypotheses.append(self._followed(cloud, level, now_s))
 
-    def _change_levels(self, observation: Observation) -> None:
+    def _change_levels(self, changes: list[tuple[int, bool]], now_s: float) -> None:
+        """By so many levels up, and whether by a lift, each."""
         for each in filter(lambda one: one.follows_levels, self._every):
-            for _, levels, _, way in observation["level_change"].tolist():
-                each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
-            each.past.amend(stored(each.cloud, observation.now_s, each.past.num_kept))
+            for levels, by_lift in changes:
+                each.cloud.change_level(levels, by_lift=by_lift)
+            each.past.amend(stored(each.cloud, now_s, each.past.num_kept))
         self._doubt = 0.0  # on stairs, walls are where the level is not known yet
         self._focus()

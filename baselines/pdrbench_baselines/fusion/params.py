@@ -69,6 +69,14 @@ SURVEYED: Final = ScanTrustParams(
     known_revised_sigma_factor=1.1,
 )
 
+FOOT_CLOUD: Final = LearnedMapFilterParams(
+    scale_sigma=0.012,
+    bias_sigma_rad=math.radians(3.0),
+    bias_walk_rad=math.radians(0.8),
+    near_scale=0.002,
+    near_bias_rad=math.radians(0.3),
+)
+
 
 @dataclass(frozen=True, slots=True)
 class FusionParams:
@@ -77,6 +85,7 @@ class FusionParams:
     Attributes:
         radio: Of the radio map.
         map: Of each cloud.
+        foot: The same of a unit on a foot, whose displacements come from `foot_ins_robust`.
         interpolated: Of a survey whose places were interpolated, and where there is none.
         surveyed: Of one whose places were surveyed.
         fingerprints: How far fingerprints are trusted.
@@ -101,6 +110,7 @@ class FusionParams:
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
     map: LearnedMapFilterParams = field(default_factory=lambda: LearnedMapFilterParams(num_particles=4000))
+    foot: LearnedMapFilterParams = FOOT_CLOUD
     interpolated: ScanTrustParams = INTERPOLATED
     surveyed: ScanTrustParams = SURVEYED
     fingerprints: FingerprintParams = field(default_factory=FingerprintParams)
