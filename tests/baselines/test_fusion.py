@@ -17,6 +17,7 @@ from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, mean_of
+from pdrbench_baselines.foot_ins.localizer import FootInsRobust
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.localizer import Fusion
 from pdrbench_baselines.fusion.lost import LostParams, ScanBelief
@@ -29,6 +30,7 @@ from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.scan_places import ScanPlaces
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move
+from pdrbench_sim.foot.known_walk import walk
 
 RING = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
 PLACES = np.array([[2.0, 2.0], [28.0, 2.0], [2.0, 18.0], [28.0, 18.0], [15.0, 10.0]])  # of access points, on each level
@@ -394,3 +396,36 @@ def test_whom_a_plan_does_not_fit_leaves_it() -> None:
             )
         assert bool(localizer.debug()["plan_is_wrong"]) == is_wrong
         assert localizer._estimate(20.0).xy_m[0] == pytest.approx(x_m + 20.0 * step_m, abs=3.0)
+
+
+def shoe_answers(localizer: Fusion | FootInsRobust, building: Building | None, heading_rad: float | None) -> FloatArray:
+    """(K, 2) of a shoe that walks 20 strides of 1.3 m along x from (1, 0); the last row is of the revised past."""
+    motion = walk(20)
+    sensors = {name: replace(sensor_spec(name), rate_hz=200.0) for name in ("accel", "gyro")}
+    start = Start(np.array([1.0, 0.0]), 0, heading_rad=heading_rad)
+    localizer.reset(Briefing(building, sensors, 0.5, start=start, mounting="foot"), np.random.default_rng(0))
+    rows = {name: np.column_stack([motion.t_s, getattr(motion, name)]) for name in ("accel", "gyro")}
+    found = []
+    for now_s in np.arange(0.5, motion.t_s[-1], 0.5):
+        part = {name: one[(one[:, 0] > now_s - 0.5) & (one[:, 0] <= now_s)] for name, one in rows.items()}
+        found.append(localizer.step(Observation(float(now_s), part)).xy_m)
+    revised = localizer.revise()
+    assert revised is not None
+    return np.array([*found, revised[-1, 1:3]])
+
+
+def test_without_a_plan_a_shoe_is_answered_by_its_filter_alone() -> None:
+    np.testing.assert_array_equal(
+        shoe_answers(Fusion(), None, 0.3), shoe_answers(FootInsRobust(), None, 0.3), strict=True
+    )
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 0.15, None])
+def test_walls_lead_a_shoe_whose_heading_is_off_or_unknown(heading_rad: float | None) -> None:
+    """By 0.15 rad the filter alone ends 3.9 m beside the corridor; without a heading its frame is turned at random."""
+    corridor = Building(
+        "corridor", (FloorPolygon("way", RING[:, :] * [1.0, 0.1] - [0.0, 1.0], np.full(4, WALL), 0.0, 0),)
+    )
+    found = shoe_answers(Fusion(), corridor, heading_rad)
+    assert np.hypot(*(found[-2:] - [27.0, 0.0]).T).max() < 1.0
+    assert np.abs(found[:, 1]).max() < 1.0

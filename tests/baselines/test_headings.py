@@ -19,7 +19,6 @@ from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
-from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, motion_of
 from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
@@ -30,10 +29,8 @@ PARAMS = CompassParams()
 class Walks:
     """A network that says a metre ahead of every window."""
 
-    carried = PHONE
-
-    def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
-        return WindowAnswer(np.array([1.0, 0.0]), 0.2 * np.eye(2), -9.0), memory
+    def ask(self, features: FloatArray, height_m: float) -> WindowAnswer:
+        return WindowAnswer(np.array([1.0, 0.0]), 0.2 * np.eye(2), -9.0)
 
 
 def briefing(*sensors: str, heading_rad: float | None = None) -> Briefing:

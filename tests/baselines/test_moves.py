@@ -16,7 +16,6 @@ from pdrbench.radio import survey_of_readings
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.fusion.localizer import Fusion
-from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.reckoning import FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.signals import HORIZON
 
@@ -24,14 +23,12 @@ from pdrbench_baselines.learned.signals import HORIZON
 class Says:
     """A network that says displacements, ahead, one after the other, and then the last one of every window."""
 
-    carried = PHONE
-
     def __init__(self, *x_m: float) -> None:
         self._x_m = list(x_m)
 
-    def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
+    def ask(self, features: FloatArray, height_m: float) -> WindowAnswer:
         x_m = self._x_m.pop(0) if len(self._x_m) > 1 else self._x_m[0]
-        return WindowAnswer(np.array([x_m, 0.0]), 0.2 * np.eye(2), -9.0), None
+        return WindowAnswer(np.array([x_m, 0.0]), 0.2 * np.eye(2), -9.0)
 
 
 def level_rows(seconds: float, shaking_mps2: float = 2.0) -> dict[str, FloatArray]:
@@ -65,11 +62,9 @@ def test_half_of_the_compass_is_the_field_where_that_is_the_earths(strength_ut: 
 class Rocks:
     """A network that says the root mean square of what rocks the phone in the last second, ahead."""
 
-    carried = PHONE
-
-    def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
+    def ask(self, features: FloatArray, height_m: float) -> WindowAnswer:
         x_m = float(np.sqrt((features[:3, -HORIZON:] ** 2).mean()))
-        return WindowAnswer(np.array([x_m, 0.0]), 0.2 * np.eye(2), -9.0), None
+        return WindowAnswer(np.array([x_m, 0.0]), 0.2 * np.eye(2), -9.0)
 
 
 def rocking_rows(seconds: float, *gaps_s: tuple[float, float]) -> dict[str, FloatArray]:

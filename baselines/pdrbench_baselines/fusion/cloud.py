@@ -44,7 +44,7 @@ class Cloud(LearnedMapFilter):
         self._is_open = is_open
         self._median_m: FloatArray | None = None
         self._mean_bias_rad: float | None = None
-        self._may_be_turned = False
+        self._may_be_turned = params.bias_sigma_rad >= math.pi
         super().__init__(building, rng, params, level)
         self._radio = radio
         self.log_evidence = 0.0

@@ -12,7 +12,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import WAYS
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.compiled import CompiledNetwork, compiled_network
+from pdrbench_baselines.learned.compiled import compiled_network
 from pdrbench_baselines.learned.reckoning import Reckoner
 
 BY_LIFT: Final = float(WAYS.index("lift"))
@@ -24,34 +24,25 @@ class NetworkLocalizer:
     """Displacements of a network, second by second, and where the walker has got to since the last one.
 
     Args:
-        weights: File of a training run, in place of the networks that come with pdrbench; None for these.
+        weights: File of a training run, in place of the network that comes with pdrbench; None for that.
         carry_s: See `CARRY_S`.
     """
 
     def __init__(self, weights: str | None = None, carry_s: float = CARRY_S) -> None:
-        self._weights, self._carry_s = weights, carry_s
-        self._networks: dict[str, CompiledNetwork] = {}
-        if weights is not None:
-            self._network(weights)  # raises where the file is not what it should be
+        self._carry_s = carry_s
+        self._network = None if weights is None else compiled_network(weights)
 
     def _begin(self, briefing: Briefing, length_factor: float = 1.0) -> None:
         """Begins a walk; see `Reckoner`."""
-        briefing.require(sensors=("accel", "gyro"))  # before a network is compiled for nothing
-        carrier = briefing.carrier
-        network = self._network(self._weights or carrier)
+        briefing.require(sensors=("accel", "gyro"), carrier=PHONE)  # before a network is compiled for nothing
         start = briefing.start
         self._heading_rad = None if start is None else start.heading_rad
-        if carrier == PHONE and self._heading_rad is None and not {"rotation", "mag"} & set(briefing.sensors):
+        if self._heading_rad is None and not {"rotation", "mag"} & set(briefing.sensors):
             raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
-        self._reckoner = Reckoner(network, briefing, length_factor=length_factor)
+        self._network = self._network or compiled_network()
+        self._reckoner = Reckoner(self._network, briefing, length_factor=length_factor)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
-        # A foot knows its own height.
-        self._has_level_changes = "level_change" in briefing.sensors and carrier == PHONE
-
-    def _network(self, weights: str) -> CompiledNetwork:
-        if weights not in self._networks:
-            self._networks[weights] = compiled_network(weights)
-        return self._networks[weights]
+        self._has_level_changes = "level_change" in briefing.sensors
 
     def _follow(self, move_m: FloatArray, end_s: float) -> None:
         """Takes the displacement (2,) of a second, which ended then."""

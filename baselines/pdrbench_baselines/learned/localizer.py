@@ -9,10 +9,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import CARRY_S, NetworkLocalizer
-
-LEVEL_HEIGHT_M: Final = 3.0  # rise that counts as a level, as foot_ins
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,28 +27,21 @@ class ReckoningErrors:
     error_correlation: float = 3.0  # on recorded mall walks 95 % discs hold 86 % (train) and 98 % (val)
 
 
-# On 12 train and 8 val walks of simulated feet discs of 50, 90, 95 % hold 73, 93, 95 %; the errors of a person's length
-# and of the heading were measured on training people (1 %, 2 to 5 degrees in 110 s).
-FOOT_ERRORS: Final = ReckoningErrors(scale_sigma=0.012, heading_sigma_rad=math.radians(3.0), error_correlation=1.0)
-
-
 @dataclass(frozen=True, slots=True)
 class LearnedParams:
     """Settings of `Learned`; all ours.
 
     Attributes:
-        weights: File of a training run; None for the networks that come with pdrbench.
+        weights: File of a training run; None for the network that comes with pdrbench.
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
         start_sigma_m: Spread around a start, per axis, at least.
-        phone: Errors of a phone.
-        foot: Errors of a unit on a foot.
+        errors: For `sigma_m`.
     """
 
     weights: str | None = None
     carry_s: float = CARRY_S
     start_sigma_m: float = 0.5
-    phone: ReckoningErrors = field(default_factory=ReckoningErrors)
-    foot: ReckoningErrors = FOOT_ERRORS
+    errors: ReckoningErrors = field(default_factory=ReckoningErrors)
 
 
 LEARNED: Final = LearnedParams()
@@ -61,8 +51,7 @@ class Learned(NetworkLocalizer):
     """Adds up the displacements of the network, second by second, from a known start.
 
     Needs accelerometer and gyroscope of a phone at 20 Hz or more, with a rotation vector, a magnetometer or the heading
-    of the start, or accelerometer and gyroscope of a unit on a foot at 80 Hz or more; each has a network of its own. On
-    a foot the level follows the height that the error-state filter gives.
+    of the start.
 
     Args:
         params: See `LearnedParams`.
@@ -77,13 +66,12 @@ class Learned(NetworkLocalizer):
         assert briefing.start is not None
         p = self._params
         self._begin(briefing)
-        self._errors = p.phone if briefing.carrier == PHONE else p.foot
         self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
         self._start_m = self._xy_m.copy()
         self._spread_m2 = max(briefing.start.radius_m / 2, p.start_sigma_m) ** 2
 
     def step(self, observation: Observation) -> Estimate:
-        errors = self._errors
+        errors = self._params.errors
         for move in self._reckoner.update(observation.rows):
             self._xy_m = self._xy_m + move.move_m
             self._spread_m2 += errors.error_correlation * float(move.covariance_m2[0, 0] + move.covariance_m2[1, 1]) / 2
@@ -94,7 +82,7 @@ class Learned(NetworkLocalizer):
         fraction2 = (errors.scale_sigma**2 + errors.heading_sigma_rad**2) / 2
         return Estimate(
             xy_m=self._xy_m + self._extrapolated_m(observation.now_s),
-            level=self._level + round(self._reckoner.rise_m / LEVEL_HEIGHT_M),
+            level=self._level,
             heading_rad=self._heading_rad,
             sigma_m=math.sqrt(self._spread_m2 + fraction2 * away_m2),
         )

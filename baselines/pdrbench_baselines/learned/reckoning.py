@@ -1,15 +1,14 @@
-"""Displacements second by second while the samples of a phone, or of a unit on a foot, come in."""
+"""Displacements second by second while the samples of a phone come in."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
-from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.learned.attitude_sources import PHONE, rows_of
@@ -54,20 +53,10 @@ class WindowAnswer:
 
 
 class WindowNetwork(Protocol):
-    """A network in the state of being asked.
+    """A network in the state of being asked."""
 
-    Attributes:
-        carried: What carries the sensors, "phone" or "foot".
-    """
-
-    @property
-    def carried(self) -> str: ...
-
-    def ask(self, features: FloatArray, height_m: float, memory: Any) -> tuple[WindowAnswer, Any]:
-        """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory.
-
-        `height_m` is that of the person, 0 where unknown; the first memory is None.
-        """
+    def ask(self, features: FloatArray, height_m: float) -> WindowAnswer:
+        """What is said of one window (`CHANNELS`, `WINDOW`); the height is that of the person, 0 where unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +65,7 @@ class Move:
 
     Attributes:
         end_s: When it ended.
-        move_m: (2,) in the frame of the rotation vector; of a foot, in that of the building if a heading is given.
+        move_m: (2,) in the frame of the rotation vector.
         covariance_m2: (2, 2) of it.
         stands: Whether the network takes its bearer to stand.
         is_guess: True where samples were missing: their gait goes on, or else the last move, fading.
@@ -93,7 +82,7 @@ class Move:
 
 
 class Reckoner:
-    """Takes the rows of a phone, or of a unit on a foot, and reports by how much its bearer moves.
+    """Takes the rows of a phone and reports by how much its bearer moves.
 
     Of seconds of which samples are missing, the network is asked with signals whose gait goes on (`gaps_filled`); where
     too little came before, the displacement before goes on, fading.
@@ -104,18 +93,15 @@ class Reckoner:
         length_factor: On displacements.
 
     Raises:
-        UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
+        UnsuitableError: A sensor is missing or too slow, or what carries them is no phone.
     """
 
     def __init__(self, network: WindowNetwork, briefing: Briefing, *, length_factor: float = 1.0) -> None:
         self._length_factor, self._missing_s = length_factor, 0.0
         self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
-        carrier = briefing.carrier
-        if network.carried != carrier:
-            raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carrier}: leave them out")
         self._source = source = rows_of(briefing)
-        briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz)
-        self._network, self._memory = network, None
+        briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz, carrier=PHONE)
+        self._network = network
         names = dict.fromkeys(
             (*source.sensors, *({"mag"} & briefing.sensors.keys()))
         )  # a field helps, none is waited for
@@ -125,15 +111,10 @@ class Reckoner:
         self._compass: FloatArray = np.zeros((0, 2))
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
-        self._checks = RowChecks("learned", self._rows) if carrier == PHONE else None
+        self._checks = RowChecks("learned", self._rows)
         self._held: list[Move] = []
         self._first_s: float | None = None
         self._last: Move | None = None
-
-    @property
-    def rise_m(self) -> float:
-        """By how much a foot is higher than at the start; 0 of a phone."""
-        return self._source.rise_m
 
     @property
     def has_compass(self) -> bool:
@@ -190,8 +171,7 @@ class Reckoner:
         new = {name: np.concatenate(waiting) for name, waiting in self._waiting.items()}
         self._waiting = {name: [] for name in self._waiting}
         given = self._source.update(new)
-        if self._checks is not None:
-            self._checks.take(new if "rotation" in new else given)
+        self._checks.take(new if "rotation" in new else given)
         for name in SENSORS:
             self._rows[name] = np.concatenate([self._rows[name], given[name]])
         if "compass" in given:
@@ -239,9 +219,9 @@ class Reckoner:
 
     def _asked(self, end_s: float, features: FloatArray, yaw_rad: float) -> Move:
         """The second that ends with a window."""
-        said, self._memory = self._network.ask(features, self._height_m, self._memory)
+        said = self._network.ask(features, self._height_m)
         shaking_mps2 = math.sqrt(features[:3, -HORIZON:].var(axis=1).sum())
-        stands = said.standing > 0.0 or (self._network.carried == PHONE and shaking_mps2 < AT_REST_MPS2)
+        stands = said.standing > 0.0 or shaking_mps2 < AT_REST_MPS2
         move_m = np.zeros(2) if stands else turned(said.move_m, yaw_rad)
         factor = turned(said.cholesky_m.T, yaw_rad).T
         return Move(end_s, move_m, factor @ factor.T, stands, False)

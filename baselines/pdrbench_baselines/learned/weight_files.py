@@ -16,18 +16,10 @@ from safetensors.numpy import load
 from pdrbench.errors import DatasetError
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
-# sha256 of the weights that come with pdrbench, by name
-PACKAGED: Final = {
-    "phone": "4fb0f69f499b909ea48f68bc8847bcdb29d9b30178a392dbf01ea01fd5699abd",
-    "foot": "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
-}
+PACKAGED: Final = Path(__file__).with_name("phone.safetensors")
+PACKAGED_SHA256: Final = "4fb0f69f499b909ea48f68bc8847bcdb29d9b30178a392dbf01ea01fd5699abd"
 FORM: Final = {"window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 TRAIN: Final = "python -m pdrbench_lab.learned train --out DIR"
-
-
-def packaged_file(name: str) -> Path:
-    """Of one of the networks in `PACKAGED`."""
-    return Path(__file__).with_name(f"{name}.safetensors")
 
 
 def read_arrays(

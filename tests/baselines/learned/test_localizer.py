@@ -51,7 +51,7 @@ def briefing(rate_hz: float = 50.0, sensors: tuple[str, ...] = SENSORS) -> Brief
 
 
 def moves(rows: dict[str, FloatArray], rate_hz: float = 50.0, chunk_s: float = 0.2):
-    reckoner, found = Reckoner(compiled_network("phone"), briefing(rate_hz)), []
+    reckoner, found = Reckoner(compiled_network(), briefing(rate_hz)), []
     for until_s in np.arange(chunk_s, max(one[-1, 0] for one in rows.values()) + chunk_s, chunk_s):
         new = {name: one[(one[:, 0] > until_s - chunk_s) & (one[:, 0] <= until_s)] for name, one in rows.items()}
         if until_s == chunk_s:
@@ -154,9 +154,9 @@ def test_a_gap_in_a_turn_is_no_other_unit() -> None:
 
 def test_slow_or_missing_sensors_are_unsuitable(rng: np.random.Generator) -> None:
     with pytest.raises(UnsuitableError, match="20 Hz or more"):
-        Reckoner(compiled_network("phone"), briefing(10.0))
+        Reckoner(compiled_network(), briefing(10.0))
     with pytest.raises(UnsuitableError, match="'gyro'"):
-        Reckoner(compiled_network("phone"), briefing(sensors=("accel", "rotation")))
+        Reckoner(compiled_network(), briefing(sensors=("accel", "rotation")))
     with pytest.raises(RecordingError, match="comes at 10 Hz"):
         moves(phone(rng, rate_hz=10.0))  # briefed as 50 Hz
 

@@ -6,12 +6,14 @@ import math
 import numba
 import numpy as np
 import pytest
+import shapely
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError
 from pdrbench.filters import FilterError
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
 from pdrbench_baselines.li2012.turns import TurnDetector
+from pdrbench_formats.maps.builder import BuildingBuilder
 
 GENERIC = StepModel(0.181, 0.334)
 FEW = StepModelFilterParams(num_particles=600)
@@ -229,6 +231,31 @@ def test_a_change_of_level_takes_every_particle_along(office: Building, by_lift:
         assert _on_stairs(office, particles, particles.particles_level != 1)
     particles.change_level(5, by_lift=False)
     assert particles.level == 1  # the highest there is
+
+
+def test_who_is_in_a_lift_keeps_the_place_in_it() -> None:
+    """Whether it is known to be a lift or not; at the middle of the cabin they would begin anew half a metre away."""
+    builder = BuildingBuilder()
+    for level in range(3):
+        builder.add_level(level, height_m=3.0 * level).add_walkable(shapely.box(0, 0, 5, 5), walled=False)
+    building = builder.connect("lift", levels=(0, 1, 2), polygon=shapely.box(5, 0, 7, 2)).build()
+    for by_lift in (False, True):
+        particles = started(building, dataclasses.replace(FEW, start_sigma_m=0.1), at=(5.5, 0.5))
+        particles.follow_levels(building, 0)
+        particles.change_level(2, by_lift=by_lift)
+        assert particles.level == 2 and (particles.particles_level == 2).all()
+        assert particles.xy_m == pytest.approx([5.5, 0.5], abs=0.05)
+        assert particles.sigma_m == pytest.approx(0.1, abs=0.02)
+
+
+def test_on_stairs_most_particles_stay_where_they_are(office: Building) -> None:
+    """A change of level becomes known before or after the last tread; those in front draw no others along."""
+    tread = next(p for p in office.polygons if p.kind == "stairs" and p.level == 0)
+    middle_m = tread.outline_xy_m.mean(axis=0)
+    particles = started(office, dataclasses.replace(FEW, start_sigma_m=0.05), at=middle_m)
+    particles.follow_levels(office, 0)
+    particles.change_level(1, by_lift=False)
+    assert particles.xy_m == pytest.approx(middle_m, abs=0.05)
 
 
 def _on_stairs(building: Building, particles: StepModelFilter, chosen: np.ndarray) -> bool:
