@@ -87,6 +87,12 @@ class Result:
         return replace(self, estimates=self.revised, revised=None, missing=missing, division=OFFLINE)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What the localizer warned of (`RecordingWarning`) while it played in a process of its own."""
+        notes: Any = self.provenance.get("notes", ())
+        return tuple(notes)
+
+    @property
     def task(self) -> str:
         """The environment as `pdrbench.make_task` takes it: its id, or the path of a task that is a file."""
         return str(self.provenance.get("task", self.env))

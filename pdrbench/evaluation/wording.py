@@ -23,6 +23,7 @@ MORE_COLUMNS: Final = (
 )
 ALL_COLUMNS: Final = (*COLUMNS, *MORE_COLUMNS)
 KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
+MAX_NOTES: Final = 2  # of a localizer that are printed
 STRATA_COLUMNS: Final = 5  # localizers of a table by stratum, so that it fits
 
 Cell = Callable[[str, Mapping[str, Any] | None], str]  # of a name and an entry of `metrics`, None where there is none
@@ -213,8 +214,14 @@ def _incidents(results: Sequence[Result]) -> Iterator[str]:
             f"first on walk {failed[0].walk}: {last_line(failed[0].failure)}"
         )
     missing: Counter[str] = Counter()
+    notes: Counter[str] = Counter()
     for result in results:
         missing.update(result.missing)
+        notes.update(result.notes)
+    for text, count in notes.most_common(MAX_NOTES):
+        yield f": on {count} of {len(results)} walks: {text}"
+    if len(notes) > MAX_NOTES:
+        yield f": and {len(notes) - MAX_NOTES} more such notes"
     if missing:
         counts = ", ".join(f"{count} × {reason}" for reason, count in sorted(missing.items()))
         yield f": answers that count as missing: {counts}"

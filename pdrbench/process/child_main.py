@@ -11,6 +11,7 @@ import sysconfig
 import threading
 import time
 import traceback
+import warnings
 from typing import Any, Final
 
 import msgspec
@@ -18,7 +19,7 @@ import numpy as np
 import psutil  # type: ignore[import-untyped]
 
 from pdrbench.episode import place_of_step, read_estimate, read_track
-from pdrbench.errors import EstimateError, UnsuitableError
+from pdrbench.errors import EstimateError, RecordingWarning, UnsuitableError
 from pdrbench.localizer import Observation
 from pdrbench.process import messages
 from pdrbench.process.messages import LENGTH_BYTES, MAX_TEXT_CHARACTERS, TRACE_SIGNAL, frame, read_request
@@ -70,6 +71,7 @@ def serve(requests: int, replies: int, started: messages.Started) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(line_buffering=True)
+    warnings.simplefilter("always", RecordingWarning)  # of every walk, not of the first alone
     _send(replies, frame(started))
     host = _Host()
     while True:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import time
 from collections.abc import Mapping
@@ -12,7 +13,7 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 
 from pdrbench.episode import RESET, REVISE, STEP, EstimateRow
-from pdrbench.errors import EstimateError, PdrbenchError, UnsuitableError, plain_text
+from pdrbench.errors import EstimateError, PdrbenchError, RecordingWarning, UnsuitableError, plain_line, plain_text
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.process import messages
@@ -24,6 +25,9 @@ from pdrbench.process.serialise import pack_generator
 from pdrbench.settings import with_settings_of
 from pdrbench.trajectory import Trajectory
 
+NOTED: Final = re.compile(rf"{RecordingWarning.__name__}: (.+)")
+MAX_NOTES: Final = 4  # of a walk that are kept
+MAX_NOTE_CHARACTERS: Final = 300
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
 LAST_LOOK: Final = "last look"  # of figures that are lower bounds
 Kind = TypeVar("Kind")
@@ -150,9 +154,11 @@ class LocalizerProcess:
             "wall_s": round(self._account.spent_s, 3),
         }
         if self._child is not None:
+            notes = _noted(self._child.output)
             used = self._child.end() if self.has_broken or self._is_asked else self._child.release()
             facts["isolation"] = dict(self._child.facts)
             child = {"cpu_s": used.cpu_s, "memory_mb": self._terms.limits.memory_mb}
+            facts |= {"notes": notes} if notes else {}
             facts |= {"peak_mb": used.peak_mb, "child": child | ({} if used.is_measured else {"measured": LAST_LOOK})}
         return facts
 
@@ -245,6 +251,12 @@ class LocalizerProcess:
         if ended.code < 0:
             return f"the localizer's process died: {_signal_name(-ended.code)}({ended.code})"
         return f"the localizer's process ended with exit code ({ended.code}); raise an exception instead"
+
+
+def _noted(output: str) -> list[str]:
+    """What a localizer warned of while it played, each once."""
+    found = dict.fromkeys(plain_line(text)[:MAX_NOTE_CHARACTERS] for text in NOTED.findall(output))
+    return list(found)[:MAX_NOTES]
 
 
 def _signal_name(number: int) -> str:

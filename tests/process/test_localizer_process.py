@@ -19,6 +19,7 @@ from starting import Start, starting
 from pdrbench.episode import Episode, play
 from pdrbench.errors import UnsuitableError
 from pdrbench.evaluation import evaluate
+from pdrbench.evaluation.wording import incidents
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.process import Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.process.child_process import Limits, discard
@@ -29,9 +30,9 @@ from pdrbench.task import Task
 
 ENV = "CampusStride-v1"
 ODD = """
-    import os, sys, threading, time
+    import os, sys, threading, time, warnings
     import numpy as np
-    from pdrbench.errors import UnsuitableError
+    from pdrbench.errors import RecordingWarning, UnsuitableError
     from pdrbench.localizer import Estimate
 
     class Walks:
@@ -91,6 +92,13 @@ ODD = """
             print("x" * 300_000)
             print("the end")
             os._exit(3)
+
+    class Warns(Walks):
+        def reset(self, briefing, rng):
+            super().reset(briefing, rng)
+            for _ in range(3):
+                warnings.warn("the plan\x1b[31m is wrong", RecordingWarning)
+            warnings.warn("of no account", UserWarning)
 
     class Compiles(Walks):
         '''Answers how often it was made in this process, and how often a walk found nothing compiled.'''
@@ -250,6 +258,12 @@ def test_peak_memory_is_reported_and_too_much_ends_the_localizer(start: Start, w
 def test_declining_is_no_failure_and_its_message_is_plain(start: Start) -> None:
     with pytest.raises(UnsuitableError, match=r"^not \?\[31mthis$"):
         start("Declines")
+
+
+def test_what_a_localizer_warns_of_stands_in_every_result(odd: Path) -> None:
+    results = evaluate(f"{odd}:Warns", ENV, split="val", walks=2)
+    assert [result.notes for result in results] == [("the plan?[31m is wrong",)] * 2
+    assert any("on 2 of 2 walks: the plan?[31m is wrong" in line for line in incidents(results))
 
 
 def test_the_end_of_what_it_printed_is_part_of_its_failure(start: Start, walk: tuple[Task, Recording]) -> None:
