@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 from collections import Counter
@@ -85,8 +86,10 @@ class DelimitedTable:
         """
         self.require([name])
         values = self.columns[name]
-        if values.dtype.kind in "iuf":
-            return values.astype(np.float64)
+        with contextlib.suppress(ValueError, TypeError, OverflowError):  # Python reads 1_0 as a number, no table does
+            numbers = values.astype(np.float64)
+            if values.dtype.kind in "iuf" or (np.isfinite(numbers).all() and not any("_" in text for text in values)):
+                return numbers
         import pandas as pd
 
         try:

@@ -52,9 +52,7 @@ _KINDS: Final = {
     b"PRES;": ("baro", 2, 1),
     b"AHRS;": ("rotation", 5, 3),
 }
-_SKIPPED: Final = frozenset(
-    (b"LIGH;", b"SOUN;", b"GNSS;", b"PROX;", b"HUMI;", b"TEMP;", b"RFID;", b"IMUX;", b"IMUL;", b"BLUE;")
-)
+_SKIPPED: Final = (b"LIGH;", b"SOUN;", b"GNSS;", b"PROX;", b"HUMI;", b"TEMP;", b"RFID;", b"IMUX;", b"IMUL;", b"BLUE;")
 _RECORD: Final = re.compile(rb"^(ACCE|GYRO|MAGN|PRES|AHRS|WIFI|BLE4|POSI|GNSS|LIGH|SOUN|RFID|PROX);\s*-?\d", re.M)
 _TYPE: Final = re.compile(rb"[A-Z][A-Z0-9]{3};")
 _MAX_SHOWN: Final = 60  # bytes of a line in a finding
@@ -168,41 +166,42 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
 def _read_chunk(path: Path, chunk: bytes, line: int, parts: _Parts, tally: Tally, *, is_last: bool) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
     found = 0
-    numbered: dict[bytes, list[tuple[int, bytes]]] = defaultdict(list)
+    kinds: dict[bytes, list[bytes]] = {start: [] for start in (*_KINDS, *_SKIPPED)}
+    add = {start: records.append for start, records in kinds.items()}
     lines = chunk.split(b"\n")
     for number, record in enumerate(lines, line):
-        start = record[:5]
-        if start in _KINDS:
-            found += 1
-            numbered[start].append((number, record))
-        elif start in _SKIPPED:
-            found += 1
-            tally.skipped[start[:4].decode()] += 1
+        if append := add.get(record[:5]):
+            append(record)
         elif whole := record.rstrip(b"\r "):
             found += _read_other(whole, number, parts, tally)
-    for start, (name, first, width) in _KINDS.items():
-        records = numbered[start]
-        table = _table([record for _, record in records], first, width) if records else np.zeros((0, 0))
-        if table is None:
-            read = (_read_numbers(path, record, at, parts, tally, is_cut=is_last) for at, record in records)
-            table = np.array([values for values in read if values is not None]).reshape(-1, width + 2)
-        if len(table):
-            parts.rows[name].append(table[:, 1:])
-            parts.stamps[name].append(table[:, 0])
+    for start, records in kinds.items():
+        found += len(records)
+        if records and start in _SKIPPED:
+            tally.skipped[start[:4].decode()] += len(records)
+        elif records:
+            name, first, width = _KINDS[start]
+            table = _table(records, first, width, tally)
+            if table is None:
+                at = (place for place in enumerate(lines, line) if place[1].startswith(start))
+                read = (_read_numbers(path, record, number, parts, tally, is_cut=is_last) for number, record in at)
+                table = np.array([values for values in read if values is not None]).reshape(-1, width + 2)
+            if len(table):
+                parts.rows[name].append(table[:, 1:])
+                parts.stamps[name].append(table[:, 0])
     return len(lines) - (not lines[-1]), found
 
 
-def _table(records: list[bytes], first: int, width: int) -> FloatArray | None:
+def _table(records: list[bytes], first: int, width: int, tally: Tally) -> FloatArray | None:
     """(n, 2 + width) what `_read_numbers` returns of records of one kind; None where anything in them is odd."""
-    fields, count = b";".join(records).split(b";"), records[0].count(b";") + 1
-    if count <= first + width or len(fields) != count * len(records) or len(set(fields[::count])) > 1:
-        return None
-    try:
-        columns = [list(map(float, fields[k::count])) for k in (2, 1, *range(first + 1, first + width + 1))]
-    except ValueError:
-        return None
-    table = np.column_stack(columns)
-    return table if np.isfinite(table).all() else None
+    columns = (2, 1, *range(first + 1, first + width + 1))
+    commas = sum(record.count(b",") for record in records) if b"," in records[0] else 0
+    lines = [record.replace(b",", b".") for record in records] if commas else records
+    with contextlib.suppress(ValueError):
+        table = np.loadtxt(lines, delimiter=";", comments=None, usecols=columns, encoding="latin1", ndmin=2)
+        if len(table) == len(records) and np.isfinite(table).all():
+            tally.mended.update({"decimal commas": commas} if commas else {})
+            return table
+    return None
 
 
 def _read_numbers(
