@@ -283,7 +283,7 @@ def _layout(
         return found
     line = header_line or 1
     header = content.split(b"\n", line)[line - 1].decode() if content.count(b"\n") >= line - 1 else ""
-    separator = separator or _separator(header)
+    separator = separator or max(SEPARATORS, key=_QUOTED.sub("", header).count)
     if names is not None:
         return Layout(names, separator, header_line or 0, (header_line or 0) + 1)
     named = split_header(header, separator)
@@ -378,12 +378,6 @@ def split_header(header: str, separator: str) -> list[str]:
     while names and not names[-1]:
         names.pop()
     return names
-
-
-def _separator(header: str) -> str:
-    plain = _QUOTED.sub("", header)
-    best = max(SEPARATORS, key=plain.count)
-    return best if plain.count(best) else ","
 
 
 def decimal_of(sample: bytes, separator: str) -> str:

@@ -14,6 +14,7 @@ none; records without time of the sensor; lists of landmarks elsewhere have the 
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import math
 import re
@@ -41,9 +42,7 @@ CHUNK_BYTES: Final = 2 << 20
 MAX_TEXT_BYTES: Final = 16 << 30  # a day of a phone is 4 GB
 MAX_LAG_S: Final = 2.0  # between the two clocks, beyond what a record usually takes from one to the other
 MAX_AGE_S: Final = 3600.0
-_MAX_COMMENTS: Final = 1000
 _MAX_STAMPS: Final = 20_000  # of a stream, that say how the two clocks lie
-_UTF8_BOM: Final = b"\xef\xbb\xbf"
 # numbers behind the type: time of the app, time of the sensor, then these; and where they begin among them
 _KINDS: Final = {
     b"ACCE;": ("accel", 2, 3),
@@ -55,7 +54,6 @@ _KINDS: Final = {
 _SKIPPED: Final = (b"LIGH;", b"SOUN;", b"GNSS;", b"PROX;", b"HUMI;", b"TEMP;", b"RFID;", b"IMUX;", b"IMUL;", b"BLUE;")
 _RECORD: Final = re.compile(rb"^(ACCE|GYRO|MAGN|PRES|AHRS|WIFI|BLE4|POSI|GNSS|LIGH|SOUN|RFID|PROX);\s*-?\d", re.M)
 _TYPE: Final = re.compile(rb"[A-Z][A-Z0-9]{3};")
-_MAX_SHOWN: Final = 60  # bytes of a line in a finding
 # times of app and sensor, name of the network, address, frequency where it is given, strength
 _WIFI: Final = re.compile(
     rb"^WIFI;(-?\d+(?:[.,]\d*)?);(-?\d+(?:[.,]\d*)?|);.*;\s*([0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5})\s*;"
@@ -84,7 +82,7 @@ class _Parts:
     def lose(self, line: int, record: bytes) -> None:
         """Counts a line that is cut off or no record, and keeps the first."""
         if not self.num_damaged or line < self.damaged[0]:
-            self.damaged = line, record[:_MAX_SHOWN]
+            self.damaged = line, record[:60]
         self.num_damaged += 1
 
 
@@ -145,7 +143,7 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
     try:
         with path.open("rb") as file:
             for piece in pieces(file, path, CHUNK_BYTES):
-                piece = piece if total else piece.removeprefix(_UTF8_BOM)
+                piece = piece if total else piece.removeprefix(codecs.BOM_UTF8)
                 total += len(piece)
                 if total > MAX_TEXT_BYTES:
                     raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
@@ -241,7 +239,7 @@ def _read_numbers(
 def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
     """Adds a record of radio or a landmark; counts any other. Returns 1 for a record of this app."""
     if record.startswith(b"%"):
-        if len(parts.header) < _MAX_COMMENTS:
+        if len(parts.header) < 1000:
             parts.header.append(record.decode("utf-8", "replace"))
         return 0
     name = record[:4]
