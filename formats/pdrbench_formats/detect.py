@@ -66,13 +66,10 @@ def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
             if str(place) in str(error):
                 raise
             raise MapError(f"{path}: {error}") from error
-        return found if place == path or not isinstance(found, Log) else _with_skipped(found, place, Path(path))
-
-
-def _with_skipped(log: Log, place: Path, path: Path) -> Log:
-    """A log of one file of a folder or archive, which counts the others among what was skipped."""
-    others = {name: 1 for name in open_container(path).sizes if PurePosixPath(name).name != place.name}
-    return replace(log, report=replace(log.report, skipped={**log.report.skipped, **others}))
+        if place == path or not isinstance(found, Log):
+            return found
+        others = {name: 1 for name in open_container(Path(path)).sizes if PurePosixPath(name).name != place.name}
+        return replace(found, report=replace(found.report, skipped={**found.report.skipped, **others}))
 
 
 def _recognise(path: Path, head: Head) -> str:

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.registry import make_task
 from pdrbench_formats.maps import geojson
+from pdrbench_formats.taskfile import advice
 from pdrbench_sim.foot.known_walk import walk as foot_walk
 
 LAT, LON = 49.46, 11.11
@@ -167,6 +169,21 @@ def test_the_first_line_says_whom_to_believe_and_the_places_may_be_late(command:
     assert any("no heading at the start is known" in line for line in others)
     done = command("try", phone, f"--truth={places}", "--localizer=stay", "--truth-offset=-4", *options)
     assert done.out.startswith("no localizer to believe") and "--truth-offset" not in done.out
+
+
+def test_places_overrule_the_table_where_they_can(monkeypatch: Any) -> None:
+    for name in ("lay_still", "is_aligned", "lacks_heading"):
+        monkeypatch.setattr(advice, name, lambda _: False)
+    walk = SimpleNamespace(mounting="pocket", streams={"accel": 0}, building=True)
+    task = SimpleNamespace(start="given", load=lambda _: walk)
+    walks: Any = SimpleNamespace(facts={"walk": 0}, refused={}, task=task)
+    results: Any = [SimpleNamespace(localizer=one, division="offline", status="ok") for one in ("li2012", "fusion")]
+    for fusion_m, first in ((None, "fusion"), (1.09, "fusion"), (1.2, "li2012")):
+        rows = [("li2012", 1.0), ("fusion", fusion_m)] if fusion_m else []
+        of_rows = [{"localizer": a, "division": "offline", "metrics": {"mean_m": {"value": v}}} for a, v in rows]
+        assert advice.believed(of_rows, results, walks)[0] == f"{first} (offline)"
+    walk.streams["rotation"] = SimpleNamespace(spec=SimpleNamespace(derived=True))  # whose yaw is that of the walker
+    assert advice.believed([], results, walks)[0] == "li2012 (offline)"
 
 
 def test_a_device_that_lay_still_is_said_and_who_fails_is_not_believed(command: Any, tmp_path: Path) -> None:

@@ -220,12 +220,19 @@ def noise(folder: Path) -> Path:
     return written_text(folder / "plan.toml", '[[level]]\nimage = "plan.png"\nmetres_per_pixel = 0.1\n')
 
 
+# six doors each way, as wide to the north as to the east
+DOORS = [line for k in range(6) for line in ([(5, k), (5, k + 0.6)], [(k + 0.2, 4), (k + 0.8, 4)])]
+ALONG = [*house()[:2], *(feature("door", "LineString", line, level=0) for line in DOORS)]
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "noise": (lambda p: noise(p), "as noise or a photograph"),
     "a feature alone": (lambda p: written(p / "a.geojson", house()[0]), "a Feature alone"),
     "exchanged": (
         lambda p: plain(scaled(house(), turned_lat_lon), p / "a.json", units="degrees"),
         "latitude look swapped",
+    ),
+    "exchanged along the meridian": (
+        lambda p: plain(scaled(ALONG, lambda q: degrees(q)[::-1]), p / "a.json", units="degrees"),
+        "its short edges are 63% longer along one axis, 0% with the two exchanged",
     ),
     "other words": (
         lambda p: plain([{**one, "properties": {"what": "room", "floor": 0}} for one in house()], p / "a.json"),

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from pdrbench_formats.taskfile import Walks
 
 SPLIT: Final = "test"
-SCORE: Final = "mean_m"
 RESULTS_FOLDER: Final = "results"
 START_HELP: Final = "Where the walk begins, in metres of the plan."
 HEADING_HELP: Final = "Heading of travel there, counter-clockwise from the x axis (east)."
@@ -116,7 +115,7 @@ def try_(
         is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.facts)
         rows = results.rows() if is_scored and played else []
         named = [replace(one, localizer=shown_name(one.localizer, one.division)) for one in results.results]
-        written = _write(walks, named, advice.errors_of(rows, SCORE), out)
+        written = _write(walks, named, advice.errors_of(rows, advice.MEAN), out)
         best, why = advice.believed(rows, [*results.results], walks)
         doubtful = list(advice.doubts(walks, results.results, best))
         found = [f"{walk}: {finding}" for walk, facts in walks.facts.items() for finding in facts.findings]

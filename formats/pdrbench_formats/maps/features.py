@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,7 @@ import shapely
 
 from pdrbench.errors import MapError
 from pdrbench.io.container import Container
-from pdrbench.io.geo import GeoFrame, frame_at
+from pdrbench.io.geo import WGS84_A_M, GeoFrame, frame_at
 from pdrbench_formats.maps.files import decoded, member
 
 WORDS: Final[Mapping[str, Any]] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
@@ -24,6 +25,9 @@ MAX_NUMBER: Final = 1e12  # of a coordinate, in micrometres or degrees: what is 
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 _MAX_LEVEL: Final = 1000
 MIN_SKEW_DEG: Final = 3.0  # corners of houses are right angles
+MIN_STRETCH: Final = 0.2  # at 34 degrees of latitude beside the equator; a fourth of it is left where readings differ
+MAX_SHORT_M: Final = 2.5  # doors, walls and jambs
+MIN_SHORT: Final = 6  # edges along each axis
 
 
 class _Feature(msgspec.Struct):
@@ -104,11 +108,9 @@ def _with_level(tags: Mapping[str, Any]) -> Mapping[str, Any]:
     given = {key.lower(): value for key, value in tags.items()}
     named = next((value for name in WORDS["floors"]["names"] if (value := given.get(name)) not in (None, "")), None)
     level = level_number(named) if isinstance(named, str) else named if type(named) in (int, float) else None
-    return (
-        tags
-        if level is None or not abs(level) < _MAX_LEVEL
-        else {**tags, "level": int(level) if level == int(level) else level}
-    )
+    if level is None or not abs(level) < _MAX_LEVEL:
+        return tags
+    return {**tags, "level": int(level) if level == int(level) else level}
 
 
 def level_number(text: str) -> float | None:
@@ -163,18 +165,13 @@ def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
 
 
 def _made(kind: str, nested: Any, where: str) -> Any:
-    match kind:
-        case "Point":
-            return shapely.Point(nested) if nested is not None else shapely.Point()
-        case "MultiPoint":
-            return shapely.MultiPoint(nested)
-        case "LineString":
-            return shapely.LineString(nested) if len(nested) > 1 else shapely.LineString()
-        case "MultiLineString":
-            return shapely.MultiLineString([line for line in nested if len(line) > 1])
-        case "Polygon":
-            return _polygon(nested, where)
-    return shapely.MultiPolygon([_polygon(rings, where) for rings in nested if rings])
+    if kind.endswith("Polygon"):
+        made = [_polygon(rings, where) for rings in (nested if kind != "Polygon" else [nested]) if rings]
+        return shapely.MultiPolygon(made) if kind != "Polygon" else (made or [shapely.Polygon()])[0]
+    if kind.endswith("LineString"):
+        made = [shapely.LineString(line) for line in (nested if kind != "LineString" else [nested]) if len(line) > 1]
+        return shapely.MultiLineString(made) if kind != "LineString" else (made or [shapely.LineString()])[0]
+    return shapely.MultiPoint(nested) if kind == "MultiPoint" else shapely.Point(nested or [])
 
 
 def _polygon(rings: Sequence[Sequence[tuple[float, float]]], where: str) -> Any:
@@ -198,24 +195,47 @@ def check_degrees(features: Iterable[Feature], where: object) -> None:
             )
     if extent(feature.shape for feature in features) > 0.5:
         raise MapError(f"{where}: the plan reaches over more than half a degree; no building does, check for swaps")
-    given, exchanged = (_skew_deg(features, north) for north in (1, 0))
-    if given > MIN_SKEW_DEG and exchanged < given / 4.0:
-        raise MapError(
-            f"{where}: longitude and latitude look swapped: its corners are {given:.1f} degrees from right angles, "
-            f"{exchanged:.1f} with the two exchanged; write longitude first"
-        )
+    for miss, least, what in (
+        (_skew_deg, MIN_SKEW_DEG, "its corners miss right angles by {:.1f} degrees, by {:.1f} with the two exchanged"),
+        (_stretch, MIN_STRETCH, "its short edges are {:.0%} longer along one axis, {:.0%} with the two exchanged"),
+    ):
+        given, exchanged = (miss(features, north) for north in (1, 0))
+        if given > least and exchanged < given / 4.0:
+            seen = what.format(given, exchanged)
+            raise MapError(f"{where}: longitude and latitude look swapped: {seen}; write longitude first, or metres")
+
+
+def _edges(features: Iterable[Feature], north: int) -> Iterator[Any]:
+    """Edges of each polygon and line in metres, east + 1j north, if coordinate `north`, 0 or 1, is the latitude."""
+    for part in shapely.get_parts([feature.shape for feature in features]):
+        if part.geom_type in ("Polygon", "LineString") and not part.is_empty:
+            ring = shapely.get_coordinates(part.exterior if part.geom_type == "Polygon" else part)
+            east = np.diff(ring[:, 1 - north]) * np.cos(np.radians(ring[0, north]))
+            yield (east + 1j * np.diff(ring[:, north])) * (np.pi / 180.0 * WGS84_A_M)
 
 
 def _skew_deg(features: Iterable[Feature], north: int) -> float:
-    """By how much the corners of polygons usually miss right angles, if coordinate `north`, 0 or 1, is the latitude."""
+    """By how much the corners of what is closed usually miss right angles."""
     found = [0.0]
-    for part in shapely.get_parts([feature.shape for feature in features]):
-        if part.geom_type == "Polygon" and not part.is_empty:
-            ring = shapely.get_coordinates(part.exterior)
-            along = np.diff(ring[:, 1 - north]) * np.cos(np.radians(ring[0, north])) + 1j * np.diff(ring[:, north])
-            turn_deg = np.degrees(np.angle(np.append(along[1:], along[:1]) / along))
-            found += np.abs((turn_deg + 45.0) % 90.0 - 45.0).tolist()
+    for along in _edges(features, north):
+        turn_deg = np.degrees(np.angle(np.append(along[1:], along[:1]) / along))
+        found += np.abs((turn_deg + 45.0) % 90.0 - 45.0).tolist() if abs(along.sum()) < 1e-3 else []
     return float(np.nanmedian(found))
+
+
+def _stretch(features: Iterable[Feature], north: int) -> float:
+    """By what fraction short edges are longer along one axis, at the worst of three quartiles.
+
+    A house along the meridian has right angles in either reading, but its doors are as wide to the north as to the
+    east. 0 where few edges are short, or many lie askew.
+    """
+    edges = np.concatenate([np.zeros(0), *_edges(features, north)])
+    edges = edges[(np.abs(edges) > 0.05) & (np.abs(edges) < MAX_SHORT_M)]
+    both = [one[one > 20.0 * other] for one, other in itertools.permutations((np.abs(edges.real), np.abs(edges.imag)))]
+    if min(map(len, both)) < max(MIN_SHORT, len(edges) / 4.0):
+        return 0.0
+    east, north_m = (np.quantile(one, (0.25, 0.5, 0.75)) for one in both)
+    return float(np.exp(np.abs(np.log(east / north_m)).max()) - 1.0)
 
 
 def frame_of(features: Sequence[Feature]) -> GeoFrame:

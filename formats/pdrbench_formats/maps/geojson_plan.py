@@ -80,7 +80,10 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     names = container.names() if container.is_file else _collections(container)
     contents = {name: files.member(container, name).replace(_RECORD_MARK, b"") for name in names}
     documents = {name: _document(content, container.label(name)) for name, content in contents.items()}
-    document = _same_frame(list(documents.values()), path)
+    frames = sorted({f"units {one.units!r}, crs {_crs_name(one.crs)!r}" for one in documents.values()})
+    if len(frames) > 1:
+        raise MapError(f"{path}: its files have {' and '.join(frames)}; name the same in each")
+    document = next(iter(documents.values()))
     builder = BuildingBuilder(document.name or files.name_of(path), strict=strict)
     of_files = (features_of(one, str(container.label(name)), builder.note_geometry) for name, one in documents.items())
     features = [feature for found in of_files for feature in found]
@@ -94,7 +97,12 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         return osm_indoor.plan_of(path, features, builder)  # tags far behind the beginning of the file, or in a table
     if not _says_what(features) and any(shapefile.layer_of(feature) for feature in features):
         return shapefile.plan_of(path, features, "", strict=strict, source="geojson_plan")
-    _check_vocabulary(features, path)
+    if not _says_what(features):
+        seen = ", ".join(sorted({key for feature in features for key in feature.tags})[:12]) or "missing"
+        raise MapError(
+            f"{path}: no feature has the property `feature`, which says what it is: {', '.join(KINDS)}; its properties "
+            f"are {seen}; rename one, or convert the plan to Simple Indoor Tagging or IMDF"
+        )
     units = named or (DEGREES if is_degrees(features) else "metres")
     geo: GeoFrame | None = None
     if units == DEGREES:
@@ -148,14 +156,6 @@ def _in_degrees(shape: Any) -> Any:
 def _collections(container: Container) -> list[str]:
     """Members of a folder or archive that hold GeoJSON, by their names."""
     return sorted(container.names(".geojson") or container.names(".json"))
-
-
-def _same_frame(documents: list[_Document], path: Path) -> _Document:
-    """The first of several collections, once all are known to name the same units and reference system."""
-    frames = sorted({f"units {one.units!r}, crs {_crs_name(one.crs)!r}" for one in documents})
-    if len(frames) > 1:
-        raise MapError(f"{path}: its files have {' and '.join(frames)}; name the same in each")
-    return documents[0]
 
 
 def _document(content: bytes, path: Path) -> _Document:
@@ -214,17 +214,6 @@ def _crs_name(crs: object) -> str:
 
 def _says_what(features: list[Feature]) -> bool:
     return any("feature" in feature.tags for feature in features)
-
-
-def _check_vocabulary(features: list[Feature], path: Path) -> None:
-    """Raises `MapError` for GeoJSON that has features, none of which says what it is."""
-    if _says_what(features):
-        return
-    seen = sorted({key for feature in features for key in feature.tags})
-    raise MapError(
-        f"{path}: no feature has the property `feature`, which says what it is: {', '.join(KINDS)}; its properties are "
-        f"{', '.join(seen[:12]) or 'missing'}; rename one, or convert the plan to Simple Indoor Tagging or IMDF"
-    )
 
 
 def _levels(feature: Feature) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 from collections import Counter
@@ -85,8 +86,10 @@ class DelimitedTable:
         """
         self.require([name])
         values = self.columns[name]
-        if values.dtype.kind in "iuf":
-            return values.astype(np.float64)
+        with contextlib.suppress(ValueError, TypeError, OverflowError):  # Python reads 1_0 as a number, no table does
+            numbers = values.astype(np.float64)
+            if values.dtype.kind in "iuf" or (np.isfinite(numbers).all() and not any("_" in text for text in values)):
+                return numbers
         import pandas as pd
 
         try:
@@ -280,7 +283,7 @@ def _layout(
         return found
     line = header_line or 1
     header = content.split(b"\n", line)[line - 1].decode() if content.count(b"\n") >= line - 1 else ""
-    separator = separator or _separator(header)
+    separator = separator or max(SEPARATORS, key=_QUOTED.sub("", header).count)
     if names is not None:
         return Layout(names, separator, header_line or 0, (header_line or 0) + 1)
     named = split_header(header, separator)
@@ -375,12 +378,6 @@ def split_header(header: str, separator: str) -> list[str]:
     while names and not names[-1]:
         names.pop()
     return names
-
-
-def _separator(header: str) -> str:
-    plain = _QUOTED.sub("", header)
-    best = max(SEPARATORS, key=plain.count)
-    return best if plain.count(best) else ","
 
 
 def decimal_of(sample: bytes, separator: str) -> str:

@@ -14,6 +14,7 @@ none; records without time of the sensor; lists of landmarks elsewhere have the 
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import math
 import re
@@ -41,9 +42,7 @@ CHUNK_BYTES: Final = 2 << 20
 MAX_TEXT_BYTES: Final = 16 << 30  # a day of a phone is 4 GB
 MAX_LAG_S: Final = 2.0  # between the two clocks, beyond what a record usually takes from one to the other
 MAX_AGE_S: Final = 3600.0
-_MAX_COMMENTS: Final = 1000
 _MAX_STAMPS: Final = 20_000  # of a stream, that say how the two clocks lie
-_UTF8_BOM: Final = b"\xef\xbb\xbf"
 # numbers behind the type: time of the app, time of the sensor, then these; and where they begin among them
 _KINDS: Final = {
     b"ACCE;": ("accel", 2, 3),
@@ -52,12 +51,9 @@ _KINDS: Final = {
     b"PRES;": ("baro", 2, 1),
     b"AHRS;": ("rotation", 5, 3),
 }
-_SKIPPED: Final = frozenset(
-    (b"LIGH;", b"SOUN;", b"GNSS;", b"PROX;", b"HUMI;", b"TEMP;", b"RFID;", b"IMUX;", b"IMUL;", b"BLUE;")
-)
+_SKIPPED: Final = (b"LIGH;", b"SOUN;", b"GNSS;", b"PROX;", b"HUMI;", b"TEMP;", b"RFID;", b"IMUX;", b"IMUL;", b"BLUE;")
 _RECORD: Final = re.compile(rb"^(ACCE|GYRO|MAGN|PRES|AHRS|WIFI|BLE4|POSI|GNSS|LIGH|SOUN|RFID|PROX);\s*-?\d", re.M)
 _TYPE: Final = re.compile(rb"[A-Z][A-Z0-9]{3};")
-_MAX_SHOWN: Final = 60  # bytes of a line in a finding
 # times of app and sensor, name of the network, address, frequency where it is given, strength
 _WIFI: Final = re.compile(
     rb"^WIFI;(-?\d+(?:[.,]\d*)?);(-?\d+(?:[.,]\d*)?|);.*;\s*([0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5})\s*;"
@@ -86,7 +82,7 @@ class _Parts:
     def lose(self, line: int, record: bytes) -> None:
         """Counts a line that is cut off or no record, and keeps the first."""
         if not self.num_damaged or line < self.damaged[0]:
-            self.damaged = line, record[:_MAX_SHOWN]
+            self.damaged = line, record[:60]
         self.num_damaged += 1
 
 
@@ -147,7 +143,7 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
     try:
         with path.open("rb") as file:
             for piece in pieces(file, path, CHUNK_BYTES):
-                piece = piece if total else piece.removeprefix(_UTF8_BOM)
+                piece = piece if total else piece.removeprefix(codecs.BOM_UTF8)
                 total += len(piece)
                 if total > MAX_TEXT_BYTES:
                     raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
@@ -168,41 +164,42 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, bool]]:
 def _read_chunk(path: Path, chunk: bytes, line: int, parts: _Parts, tally: Tally, *, is_last: bool) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
     found = 0
-    numbered: dict[bytes, list[tuple[int, bytes]]] = defaultdict(list)
+    kinds: dict[bytes, list[bytes]] = {start: [] for start in (*_KINDS, *_SKIPPED)}
+    add = {start: records.append for start, records in kinds.items()}
     lines = chunk.split(b"\n")
     for number, record in enumerate(lines, line):
-        start = record[:5]
-        if start in _KINDS:
-            found += 1
-            numbered[start].append((number, record))
-        elif start in _SKIPPED:
-            found += 1
-            tally.skipped[start[:4].decode()] += 1
+        if append := add.get(record[:5]):
+            append(record)
         elif whole := record.rstrip(b"\r "):
             found += _read_other(whole, number, parts, tally)
-    for start, (name, first, width) in _KINDS.items():
-        records = numbered[start]
-        table = _table([record for _, record in records], first, width) if records else np.zeros((0, 0))
-        if table is None:
-            read = (_read_numbers(path, record, at, parts, tally, is_cut=is_last) for at, record in records)
-            table = np.array([values for values in read if values is not None]).reshape(-1, width + 2)
-        if len(table):
-            parts.rows[name].append(table[:, 1:])
-            parts.stamps[name].append(table[:, 0])
+    for start, records in kinds.items():
+        found += len(records)
+        if records and start in _SKIPPED:
+            tally.skipped[start[:4].decode()] += len(records)
+        elif records:
+            name, first, width = _KINDS[start]
+            table = _table(records, first, width, tally)
+            if table is None:
+                at = (place for place in enumerate(lines, line) if place[1].startswith(start))
+                read = (_read_numbers(path, record, number, parts, tally, is_cut=is_last) for number, record in at)
+                table = np.array([values for values in read if values is not None]).reshape(-1, width + 2)
+            if len(table):
+                parts.rows[name].append(table[:, 1:])
+                parts.stamps[name].append(table[:, 0])
     return len(lines) - (not lines[-1]), found
 
 
-def _table(records: list[bytes], first: int, width: int) -> FloatArray | None:
+def _table(records: list[bytes], first: int, width: int, tally: Tally) -> FloatArray | None:
     """(n, 2 + width) what `_read_numbers` returns of records of one kind; None where anything in them is odd."""
-    fields, count = b";".join(records).split(b";"), records[0].count(b";") + 1
-    if count <= first + width or len(fields) != count * len(records) or len(set(fields[::count])) > 1:
-        return None
-    try:
-        columns = [list(map(float, fields[k::count])) for k in (2, 1, *range(first + 1, first + width + 1))]
-    except ValueError:
-        return None
-    table = np.column_stack(columns)
-    return table if np.isfinite(table).all() else None
+    columns = (2, 1, *range(first + 1, first + width + 1))
+    commas = sum(record.count(b",") for record in records) if b"," in records[0] else 0
+    lines = [record.replace(b",", b".") for record in records] if commas else records
+    with contextlib.suppress(ValueError):
+        table = np.loadtxt(lines, delimiter=";", comments=None, usecols=columns, encoding="latin1", ndmin=2)
+        if len(table) == len(records) and np.isfinite(table).all():
+            tally.mended.update({"decimal commas": commas} if commas else {})
+            return table
+    return None
 
 
 def _read_numbers(
@@ -242,7 +239,7 @@ def _read_numbers(
 def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
     """Adds a record of radio or a landmark; counts any other. Returns 1 for a record of this app."""
     if record.startswith(b"%"):
-        if len(parts.header) < _MAX_COMMENTS:
+        if len(parts.header) < 1000:
             parts.header.append(record.decode("utf-8", "replace"))
         return 0
     name = record[:4]

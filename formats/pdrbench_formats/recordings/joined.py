@@ -102,7 +102,9 @@ def join_tables(
     begin_s = min(one.begin_s() for one in explained)
     streams: dict[str, FloatArray] = {}
     sources: dict[str, _Explained] = {}
-    for one in sorted(explained, key=lambda one: (one.lacks_gravity, _attitude_rank(one))):
+    for one in sorted(
+        explained, key=lambda one: (one.lacks_gravity, [word not in one.source.name.lower() for word in _BEST_ATTITUDE])
+    ):
         t_s, first_s = clock(one.source.table, one.columns.time, one.columns.time_unit)
         for kind, rows in streams_of(one.source.table, one.columns, t_s + (first_s - begin_s), tally).items():
             kind = "gravity" if one.source.sensor == "gravity" else kind
@@ -135,11 +137,6 @@ def join_tables(
     origin = Origin(device, unix_s(begin_s))
     sorted_in = tuple(streams) if may_sort else ()
     return assemble(path, streams, origin=origin, tally=tally, allow_unsorted=sorted_in, strict=strict)
-
-
-def _attitude_rank(one: _Explained) -> int:
-    name = one.source.name.lower()
-    return next((place for place, word in enumerate(_BEST_ATTITUDE) if word in name), len(_BEST_ATTITUDE))
 
 
 def _on_one_clock(path: Path, explained: list[_Explained]) -> list[_Explained]:

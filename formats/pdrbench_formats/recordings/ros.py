@@ -184,13 +184,13 @@ def _of_bag(path: Path, tally: Tally) -> dict[str, Topic]:
             for connection in bag.connections:
                 tally.skipped[connection.topic] += 0 if connection in wanted else connection.msgcount
             messages = bag.messages(connections=wanted) if wanted else ()
+            encoding = "cdr" if bag.is2 else "ros1"
+            topics = {connection.topic: Topic(kind_of(connection.msgtype), encoding) for connection in wanted}
             for count, (connection, bag_ns, raw) in enumerate(messages):
                 if count >= MAX_MESSAGES:
                     raise RecordingError(f"{path}: more than {MAX_MESSAGES} messages; split the bag")
-                encoding = "cdr" if bag.is2 else "ros1"
-                topic = topics.setdefault(connection.topic, Topic(kind_of(connection.msgtype), encoding))
-                topic.bag_ns.append(int(bag_ns))
-                topic.messages.append(bytes(raw))
+                topics[connection.topic].bag_ns.append(bag_ns)
+                topics[connection.topic].messages.append(bytes(raw))
     except RecordingError:
         raise
     except Exception as error:  # the parsers of bags raise whatever a damaged file leads them to

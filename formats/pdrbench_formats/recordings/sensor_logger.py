@@ -268,9 +268,9 @@ def export_of(path: Path, samples: Iterable[tuple[str, Mapping[str, Any]]], tall
             continue
         columns: dict[str, Any] = {}
         for key in rows[0]:
-            values = ["" if row.get(key) is None else str(row[key]) for row in rows]
+            values = ["" if (value := row.get(key)) is None else str(value) for row in rows]
             try:
-                columns[key] = np.array([int(value) for value in values])
+                columns[key] = np.array(list(map(int, values)))
             except ValueError:
                 columns[key] = np.array(values, dtype=object)
         tables[sensor] = DelimitedTable(path / sensor, columns, 1, tally.mended, tally.dropped)

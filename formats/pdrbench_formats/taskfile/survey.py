@@ -170,7 +170,9 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
             f"{STRENGTH} {rssi_dbm[row]:g} and age_s {age_s[row]:g}; {MIN_DBM:g} to 0 dBm and 0 s or more are "
             f"expected: leave out what was not received",
         )
-    sender = np.array([_sender(text) for text in table.texts(SENDER)], dtype=np.int64)
+    texts = table.texts(SENDER)  # the number of an access point, or an address, for which another stands
+    known = (int(t) if t.isdecimal() and int(t) < MAX_NUMBER else opaque_id("wifi", t) for t in texts)
+    sender = np.fromiter(known, dtype=np.int64)
     place = np.column_stack([xy_m, level])
     begins = np.append(True, (place[1:] != place[:-1]).any(axis=1) | (scan[1:] != scan[:-1]))
     received: set[int] = set()
@@ -197,8 +199,3 @@ def write_survey_table(scans: Scans, path: Path) -> None:
         place = f"{x_m!r},{y_m!r},{scans.level[number]},{number}"
         lines.append(f"{place},{int(sender)},{rssi_dbm!r},{age_s!r}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-
-
-def _sender(text: str) -> int:
-    """The number of an access point: as it is, or that which stands for an address."""
-    return int(text) if text.isdecimal() and int(text) < MAX_NUMBER else opaque_id("wifi", text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +66,8 @@ class Survey:
         others, when = [one for one in self.files if one.file != own], recorded(own, facts)
         if when is None:
             return others
-        far = far_from(when, filter(None, (one.recorded for one in others)))
+        outings = surveyed({when, *filter(None, (one.recorded for one in others))})
+        far = {one.file for outing, survey in outings if when in outing for one in survey}
         return [one for one in others if one.recorded is None or one.file in far]
 
     def note(self, own: Path, facts: FileFacts) -> str:
@@ -83,11 +84,6 @@ def recorded(file: Path, facts: FileFacts) -> Recorded | None:
     """When a walk was recorded; None where its file does not say."""
     start_s = facts.start_unix_s
     return None if start_s is None else Recorded(file, start_s, start_s + facts.end_s)
-
-
-def far_from(own: Recorded, others: Iterable[Recorded]) -> set[Path]:
-    """Files of the survey of an outing."""
-    return {one.file for outing, survey in surveyed({own, *others}) if own in outing for one in survey}
 
 
 def survey_of(reader: WalkReader, walks: Sequence[WalkTable], index: Index) -> tuple[Survey, list[str]]:
