@@ -194,7 +194,7 @@ def draw(
     names = [opaque_names(of, part, secret) for of, _ in drawing]
     for _, place in drawing:
         make_folder(place.observations)
-        make_folder(place.truth)
+        make_folder(place.truth).chmod(0o700)
     called = zip(walks, zip(*names, strict=True), strict=True)
     tasks = (joblib.delayed(_draw_walk)(secret, drawing, *of_walk) for of_walk in called)
     written = []

@@ -410,6 +410,7 @@ def _is_done(board: Board, entrant: Entrant, known: PartWalks | None, settings: 
 
 def _play(drawn: DrawnPart, todo: Sequence[Entrant], settings: Settings) -> tuple[Result, ...]:
     answers = make_folder(settings.work / ANSWERS / f"{drawn.env}-{drawn.part}")
+    answers.chmod(0o700)  # good ones are nearly the truth
     by_isolation: dict[Isolation, list[str]] = {}
     for one in todo:
         by_isolation.setdefault(settings.isolation_of(one), []).append(one.spec)

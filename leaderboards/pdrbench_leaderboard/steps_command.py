@@ -242,6 +242,6 @@ def _tell(outcomes: list[Outcome], root: Path, *, as_json: bool) -> None:
     if as_json:
         print_json({"parts": [dataclasses.asdict(outcome) for outcome in outcomes]})
     else:
-        say(f"{root} holds what came of it; `pdrbench leaderboard build` makes tables and pages")
+        say(f"{root} holds what came of it; `pdrbench leaderboard build --root {root}` makes tables and pages")
     if any(outcome.refused for outcome in outcomes):
         raise typer.Exit(1)

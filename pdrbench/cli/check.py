@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Confined, complete_env, complete_localizer
-from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say, verdict
 from pdrbench.cli.ready import check_localizer_exists
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def env(
         make_task(name)  # what is not registered or does not load is an error, not a failed check
         from pdrbench.gym import check_task
 
+        note(f"checking {name}, some 5 s")
         checks = check_task(name)
     _print_checks(checks, as_json)
 
@@ -54,6 +55,7 @@ def localizer(
 
         kind: Literal["process", "confined"] = "confined" if confined else "process"
         check_localizer_exists(name, kind)
+        note(f"checking {name}, some 10 s; 20 s where what it calls has to be compiled")
         checks = check_in_process(name, env, kind)
     _print_checks(checks, as_json)
 

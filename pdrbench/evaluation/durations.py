@@ -10,14 +10,16 @@ from pdrbench.evaluation.jobs import Job
 from pdrbench.evaluation.store import remember, remembered
 
 JOB_S: Final = 0.5  # seconds of one process, as the mean of all walks of all boards takes, where no run has shown them
+FIRST_S: Final = 5.0  # more where no run has shown the localizer: what it calls is compiled
 STARTING_JOBS: Final = 10  # count as much as what is known
 _FILE: Final = "durations.json"
 
 
 def expected_s(jobs: Iterable[Job], num_workers: int) -> float:
     """Seconds until so many processes have done all jobs."""
-    known = remembered(_FILE)
-    return sum(_of(known, job.label) for job in jobs) / num_workers
+    known, labels = remembered(_FILE), [job.label for job in jobs]
+    new = {label.partition(" on ")[0] for label in labels} - {label.partition(" on ")[0] for label in known}
+    return (sum(_of(known, label) for label in labels) + FIRST_S * len(new)) / num_workers
 
 
 def learn(jobs: Sequence[Job], num_workers: int, took_s: float) -> None:

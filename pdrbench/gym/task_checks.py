@@ -126,9 +126,9 @@ def _tells_apart(task: Task, loaded: Mapping[str, Recording]) -> str:
     units = set(map(task.units.get, walks)) if task.units else _buildings(task, walks, loaded)
     count = len(units) if len(units) >= MIN_UNITS else len(walks)
     if count < 2:
-        return f"warning: one walk tells nothing; see pdrbench power {task.id}"
+        return f"warning: one walk says nothing; see pdrbench power {task.id}"
     ratio = smallest_ratio(NEIGHBOUR_SPREAD / math.sqrt(count), count - 1)
-    limit = f"ratios from about {ratio:.2f} on are told between neighbours"
+    limit = f"ratios from about {ratio:.2f} on are seen between neighbours"
     is_enough = ratio <= PUBLISHED_RATIO
     return limit if is_enough else f"warning: {limit}, a board needs {PUBLISHED_RATIO}; see pdrbench power {task.id}"
 

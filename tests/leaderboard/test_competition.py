@@ -55,6 +55,11 @@ def test_an_empty_folder_becomes_a_page_with_entries(cup: Path) -> None:
     assert [row.name for row in read_tables(cup, board)[0].rows] == [STAY]
     (cup / "main" / "README.md").write_text(page(board, read_tables(cup, board)))
     assert all(found.passed for found in check_board(cup, board))
+    # a server of another user reads what is published
+    as_any = stat.S_IMODE((cup / "main" / "README.md").stat().st_mode)
+    assert {stat.S_IMODE(path.stat().st_mode) for path in (cup / "main" / STAY).iterdir()} == {as_any}
+    hidden = [*short.work.glob("truth/*/*"), *short.work.glob("answers/*")]
+    assert len(hidden) > 2 and all(stat.S_IMODE(path.stat().st_mode) & 0o077 == 0 for path in hidden)
     (cup / "main" / STAY / "signed.json").unlink()
     assert not read_tables(cup, board), "nobody has signed it, and its walks are secret"
 

@@ -195,6 +195,6 @@ def _reference(reference: Trajectory) -> dict[str, Any]:
 
 
 def _short(value: object) -> str:
-    if value is None:
+    if value in (None, ""):
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -87,7 +87,7 @@ def live(
         uvicorn.Server(config).run([listener])
     for phone in server.phones.values():
         for folder in phone.folders:
-            say(f"recorded in {folder}: pdrbench run {localizer} {folder}")
+            say(f"recorded in {folder}: pdrbench try {folder} --localizer {localizer}")
 
 
 def _seen_as(host: str) -> str:

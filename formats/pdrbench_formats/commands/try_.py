@@ -138,7 +138,7 @@ def try_(
     for line in notes:
         note(line)
     note(f"wrote {out / 'table.csv'}, and the paths in {out / 'paths'}")
-    note(f"{walks.reader.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")
+    note(f"{path} makes it an environment: edit it, then: pdrbench run LOCALIZER {path.parent}")
 
 
 def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], out: Path) -> list[Path]:

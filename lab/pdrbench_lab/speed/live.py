@@ -9,7 +9,6 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from conftest import Page, browse  # type: ignore[import-not-found]
@@ -67,12 +66,15 @@ def latency(live: Running, stroll: Stroll, page: Page) -> None:
     drawn = np.array(page.run("drawn"))
     waits_s = []
     for (end_s, sent_s), (before_s, _) in zip(sent[12:], sent[11:], strict=False):
-        # the last row of a packet is earlier than its end, and what is due is earlier than that by more than the wait
-        due = [(math.ceil((at_s - WAIT_S) / PERIOD_S - 1e-6) - 1) * PERIOD_S for at_s in (before_s, end_s)]
-        if due[1] > due[0]:
-            shown = drawn[(drawn[:, 1] >= due[1] - 1e-6) & (drawn[:, 0] >= sent_s), 0]
+        if _due_s(end_s) > _due_s(before_s):
+            shown = drawn[(drawn[:, 1] >= _due_s(end_s) - 1e-6) & (drawn[:, 0] >= sent_s), 0]
             waits_s.append(shown.min() - sent_s)
     print(f"{len(waits_s)} pushes: median {np.median(waits_s):.3f} s, p95 {np.percentile(waits_s, 95):.3f} s")  # noqa: T201
+
+
+def _due_s(end_s: float) -> float:
+    """Time of the last observation that a packet makes due: its last row is later than that by more than the wait."""
+    return (math.ceil((end_s - WAIT_S) / PERIOD_S - 1e-6) - 1) * PERIOD_S
 
 
 def film(live: Running, stroll: Stroll, page: Page, path: Path) -> None:
@@ -85,12 +87,11 @@ def film(live: Running, stroll: Stroll, page: Page, path: Path) -> None:
         while k == 8 and not live.server.phones["android"].trail:
             time.sleep(0.1)  # it compiles
         if k % 4 == 0 and k > 8:
-            time_s: Any = live.server.phones["android"].trail[-1][4]
-            page.wait(f"Number(document.getElementById('plan').dataset.time) >= {time_s} - 0.001")
+            page.wait(f"Number(document.getElementById('plan').dataset.time) >= {_due_s(end_s)} - 0.001")
             shot = page.call("Page.captureScreenshot")["data"]
-            pictures.append(
-                Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB").quantize(24, dither=Image.Dither.NONE)
-            )
+            pictures.append(Image.open(io.BytesIO(base64.b64decode(shot))).convert("RGB"))
+    palette = pictures[-1].quantize(24)  # one for all, so that no colour flickers
+    pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=500, loop=0, optimize=True)
     print(f"{path}: {len(pictures)} pictures, {path.stat().st_size} bytes")  # noqa: T201
 
