@@ -1,1 +1,1 @@
-"""Stride and heading of a phone, or of a unit on a foot, by small neural networks in compiled code."""
+"""Displacements of a phone's bearer, second by second, by a small neural network in compiled code."""

@@ -13,12 +13,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
-from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.base import NetworkLocalizer
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
 from pdrbench_baselines.learned.signals import turned
@@ -84,8 +82,6 @@ class FactorGraph(NetworkLocalizer):
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
         assert briefing.start is not None
-        if briefing.carrier != PHONE:
-            raise UnsuitableError("its priors are those of a phone; on a foot take fusion")
         self._begin(briefing)
         self._building, start = briefing.building, briefing.start
         self._radio = self._fitted(briefing)

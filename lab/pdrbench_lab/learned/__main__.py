@@ -1,6 +1,6 @@
 """`python -m pdrbench_lab.learned`: networks are trained, measured and drawn.
 
-`train`, `measure`, `public`, `speed` and `figures` are of the networks of `learned`, `odometry`, `measure-odometry` and
+`train`, `measure`, `public`, `speed` and `figures` are of the network of `learned`, `odometry`, `measure-odometry` and
 `pack` of those of `ronin` and `tlio`, `zero-velocity` of that of `foot_ins_lstm`.
 """
 
@@ -9,8 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,40 +17,31 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
-from pdrbench_lab.learned.data import FEET, SOURCES, gather, windows_of_sources
+from pdrbench_lab.learned.data import SOURCES
 from pdrbench_lab.learned.odometry.commands import add_commands
 from pdrbench_lab.learned.threads import INSTALL
 
 if TYPE_CHECKING:
     from pdrbench.recording import Recording
     from pdrbench_baselines.learned.reckoning import WindowNetwork
-    from pdrbench_lab.learned.model import AnyNetwork
+    from pdrbench_lab.learned.model import PhoneNetwork
 
-USUAL_WEIGHTS = "phone"
 MEASURED = {"campus": "CampusPhone-v1", "mall": "MallPhone-v2", "museum": "IpinPhone-v1"}
-OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command; returns its exit status."""
     parser = argparse.ArgumentParser(prog="python -m pdrbench_lab.learned", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
+    train = commands.add_parser("train", help="train the network from scratch")
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
-    train.add_argument("--carried", choices=(PHONE, FOOT), default=PHONE, help="what carries the sensors")
-    train.add_argument(
-        "--data", help=f"some of {','.join(SOURCES)}; by default all of phones with data here, for a foot {FEET}"
-    )
+    train.add_argument("--data", help=f"some of {','.join(SOURCES)}; by default all with data here")
     train.add_argument("--left-out", default="", help="sources, and beginnings of names of walks, that teach nothing")
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
-    train.add_argument("--people", type=int, help="of each simulated source, who walk for the training")
+    train.add_argument("--people", type=int, help="simulated ones, who walk for the training")
     train.add_argument("--val-people", type=int, help="others, on whom progress is measured")
-    train.add_argument("--steps", type=int, help="batches, of a phone")
-    train.add_argument("--epochs", type=int, help="of a foot, in which windows are learned")
-    train.add_argument("--memory-epochs", type=int, help="of a foot, in which the memory of walks learns, afterwards")
-    train.add_argument("--budget", type=float, help="of a foot, minutes after which no epoch is begun")
+    train.add_argument("--steps", type=int, help="batches")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
     train.set_defaults(run=_train)
@@ -59,9 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
     measure.add_argument(
         "--weights",
         action="append",
-        help="name of packaged weights or model.safetensors of a run, by default the newest; give two to compare",
+        help="model.safetensors of a run, by default the packaged one; give two to compare",
     )
-    measure.add_argument("--carried", choices=(PHONE, FOOT), default=PHONE, help="foot: on CampusFoot-v1, nothing else")
     measure.add_argument("--split", choices=("train", "val", "test"), default="val")
     measure.add_argument("--only", choices=tuple(MEASURED), help="one of the environments")
     measure.add_argument("--shaking", type=float, default=1.0, help="multiplied by so much, steps and way as they are")
@@ -72,13 +61,13 @@ def main(arguments: list[str] | None = None) -> int:
     public.add_argument("folder", type=Path, help="with walks of these sets, and the lists that come with them")
     public.add_argument("--out", type=Path, help="folder of a run: trains before, with the other sources of train")
     public.add_argument("--data", help=f"these others, some of {','.join(SOURCES)}; by default as of train")
-    public.add_argument("--people", type=int, help="of each simulated source")
+    public.add_argument("--people", type=int, help="simulated ones")
     public.add_argument("--steps", type=int, help="batches")
-    public.add_argument("--weights", default=USUAL_WEIGHTS, help="without --out: a name, or a file")
+    public.add_argument("--weights", help="without --out: model.safetensors of a run")
     public.add_argument("--part", choices=("test", "seen", "val"), default="test")
     public.set_defaults(run=_public)
     speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
-    speed.add_argument("--weights", default=USUAL_WEIGHTS, help="name of packaged weights, or file of a run")
+    speed.add_argument("--weights", help="model.safetensors of a run, by default the packaged one")
     speed.add_argument("--compiled", action="store_true", help="in compiled code instead of PyTorch")
     speed.set_defaults(run=_speed)
     figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
@@ -107,23 +96,8 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _train(given: argparse.Namespace) -> None:
-    if given.carried == PHONE:
-        _train_phone(given, given.windows)
-        return
-    try:
-        from pdrbench_lab.learned.train import TrainParams, train
-    except ModuleNotFoundError as error:
-        raise PdrbenchError(f"{error.name} is missing; run `{INSTALL}`") from error
-    asked = ("people", "val_people", "epochs", "memory_epochs", "seed", "threads")
-    params = replace(
-        TrainParams(), **{name: getattr(given, name) for name in asked if getattr(given, name) is not None}
-    )
-    figures = train(given.out, params, windows_in=given.windows, budget_min=given.budget, say=_say)
-    print(f"other people: {figures.line()}")  # noqa: T201
-
-
-def _train_phone(given: argparse.Namespace, windows_in: Path | None = None, recordings: Path | None = None) -> None:
+def _train(given: argparse.Namespace, recordings: Path | None = None) -> None:
+    """Of `train`, and of `public`, which has its own recordings and lacks some options."""
     try:
         from pdrbench_lab.learned.cnn import CnnParams, train_cnn, usual_sources
     except ModuleNotFoundError as error:
@@ -134,7 +108,7 @@ def _train_phone(given: argparse.Namespace, windows_in: Path | None = None, reco
     chosen = {name: getattr(given, name, None) for name in asked}
     left_out = tuple(filter(None, getattr(given, "left_out", "").split(",")))
     params = CnnParams(sources, left_out=left_out, **{name: one for name, one in chosen.items() if one is not None})
-    train_cnn(given.out, params, windows_in=windows_in, recordings=recordings, say=_say)
+    train_cnn(given.out, params, windows_in=getattr(given, "windows", None), recordings=recordings, say=_say)
 
 
 def _say(line: str) -> None:
@@ -153,9 +127,9 @@ def _public(given: argparse.Namespace) -> None:
         raise PdrbenchError(f"{given.folder}: no walk of part {given.part}; there is {parts}")
     weights = given.weights
     if given.out is not None:
-        from pdrbench_lab.learned.train import MODEL
+        from pdrbench_lab.learned.cnn import MODEL
 
-        _train_phone(given, recordings=given.folder)
+        _train(given, given.folder)
         weights = str(given.out / MODEL)
     network = load_network(weights)
     for form, carried in sorted({(walk.form, walk.carried) for walk in tested}):
@@ -169,18 +143,14 @@ def _speed(given: argparse.Namespace) -> None:
     from pdrbench_lab.learned.speed import measured
     from pdrbench_lab.learned.weights import load_network
 
-    load: Callable[[str], WindowNetwork] = compiled_network if given.compiled else load_network
+    load: Callable[[str | None], WindowNetwork] = compiled_network if given.compiled else load_network
     print(measured(load(given.weights)).line())  # noqa: T201
 
 
 def _measure(given: argparse.Namespace) -> None:
     from pdrbench_lab.learned.weights import load_network
 
-    usual = "foot" if given.carried == FOOT else USUAL_WEIGHTS
-    networks = {name: load_network(name) for name in given.weights or [usual]}
-    if given.carried == FOOT:
-        _measure_feet(networks, given.split)
-        return
+    networks = {weights or "the packaged one": load_network(weights) for weights in given.weights or [None]}
     of_mall = {}
     for name, network in networks.items():
         print(f"{name}:")  # noqa: T201
@@ -194,7 +164,7 @@ def _measure(given: argparse.Namespace) -> None:
         print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
 
 
-def _measure_in(network: AnyNetwork, env: str, given: argparse.Namespace) -> FloatArray:
+def _measure_in(network: PhoneNetwork, env: str, given: argparse.Namespace) -> FloatArray:
     """Prints the figures of one environment; of malls gives the mean errors of legs and of places."""
     from pdrbench.registry import make_task
     from pdrbench_lab.learned.walks import gentler, mirrored, place_errors_m, walk_figures, without_rotation
@@ -221,24 +191,6 @@ def _measure_in(network: AnyNetwork, env: str, given: argparse.Namespace) -> Flo
     text = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
     print(f"  {task.id} {given.split}, start known: {text}")  # noqa: T201
     return np.array([legs_m.mean(), places_m.mean()])
-
-
-def _measure_feet(networks: Mapping[str, AnyNetwork], split: str) -> None:
-    from pdrbench.registry import make_task
-    from pdrbench_lab.learned.batches import Feed
-    from pdrbench_lab.learned.feet import levelled
-    from pdrbench_lab.learned.measure import window_figures
-    from pdrbench_lab.learned.walks import walk_figures
-
-    task = make_task("CampusFoot-v1")
-    walks = [replace(walk, reference=levelled(walk).reference) for walk in map(task.load, task.split(split))]
-    windows, _ = gather(windows_of_sources((FEET,), OTHER_FEET, split))
-    feed = Feed(windows, "cpu")
-    for name, network in networks.items():
-        distance_pct = walk_figures(network, walks)["distance_pct"]  # its places are too rare for the other figures
-        print(f"{name}:")  # noqa: T201
-        print(f"  CampusFoot-v1 {split}: distance {distance_pct:.2f} %")  # noqa: T201
-        print(f"  {OTHER_FEET} other people: {window_figures(network, feed, windows).line()}")  # noqa: T201
 
 
 def _zero_velocity(given: argparse.Namespace) -> None:

@@ -19,14 +19,14 @@ from torch import nn
 from pdrbench.datasets import is_available
 from pdrbench.geometry import FloatArray
 from pdrbench.registry import make_task
-from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_lab.learned.batches import AUGMENTATION, Feed
+from pdrbench_lab.learned.batches import Feed
 from pdrbench_lab.learned.data import BEARERS, ENVIRONMENTS, OWN, SOURCES, Windows, load_or_gather
 from pdrbench_lab.learned.measure import window_figures
-from pdrbench_lab.learned.model import PhoneNetwork, surprise
-from pdrbench_lab.learned.train import MODEL, PROGRESS
+from pdrbench_lab.learned.model import NetworkOutput, PhoneNetwork, surprise
 from pdrbench_lab.learned.weights import store
 
+MODEL: Final = "model.safetensors"
+PROGRESS: Final = "progress.json"
 MAX_GRADIENT: Final = 5.0
 SPREAD_WEIGHT: Final = 0.02  # of the likelihood, which teaches spreads only
 STAND_WEIGHT: Final = 0.02
@@ -98,20 +98,20 @@ def train_cnn(
     out.mkdir(parents=True, exist_ok=True)
     kept = windows_in or out
     windows = load_or_gather(kept, tuple(params.sources), params.people, recordings=recordings, jobs=params.threads)
-    feed = Feed(windows, "cpu", 1)
+    feed = Feed(windows)
     below = np.cumsum(_chances(windows, feed, params, kept))
     network = PhoneNetwork()
     optimiser = torch.optim.AdamW(network.parameters(), params.rate, weight_decay=params.decay)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, params.rate, total_steps=params.steps, pct_start=0.1)
     rng, drawn = torch.Generator().manual_seed(params.seed), np.random.default_rng(params.seed)
     val = load_or_gather(kept, (BEARERS,), params.val_people, "val", jobs=params.threads)
-    val_feed, began_s = Feed(val, "cpu"), time.monotonic()
+    val_feed, began_s = Feed(val), time.monotonic()
     losses: list[float] = []
     curve: list[dict[str, float]] = []
     for step in range(params.steps):
         which = np.searchsorted(below, below[-1] * drawn.random(params.batch), side="right")
-        batch = feed.batch(torch.from_numpy(which), rng, AUGMENTATION[PHONE])
-        said, _ = network.walks(batch.window, batch.height_m)
+        batch = feed.batch(torch.from_numpy(which), rng)
+        said: NetworkOutput = network(batch.window, batch.height_m)
         loss = nn.functional.smooth_l1_loss(said.move_m, batch.move_m)
         total = loss + SPREAD_WEIGHT * surprise(replace(said, move_m=said.move_m.detach()), batch.move_m).mean()
         total = total + STAND_WEIGHT * nn.functional.binary_cross_entropy_with_logits(said.standing, batch.stands)
@@ -124,7 +124,7 @@ def train_cnn(
         if (step + 1) % LOOK == 0 or step + 1 == params.steps:
             figures = window_figures(network, val_feed, val)
             network.train()
-            curve.append({"epoch": len(curve) + 1, "loss": float(np.mean(losses[-LOOK:])), **asdict(figures)})
+            curve.append({"batch": step + 1, "loss": float(np.mean(losses[-LOOK:])), **asdict(figures)})
             said_s = f"batch {step + 1}/{params.steps}, {time.monotonic() - began_s:.0f} s"
             say(f"{said_s}: loss {curve[-1]['loss']:.4f}, val {figures.line()}")
     network.eval()
@@ -138,7 +138,7 @@ def train_cnn(
 def _chances(windows: Windows, feed: Feed, params: CnnParams, kept: Path) -> FloatArray:
     """(N,) how often each window is drawn: sources by their weights, in each all walks alike."""
     names = [walk["name"] for walk in json.loads((kept / "manifest-train.json").read_text())["walks"]]
-    walk, source = windows.walk[feed.walks[:, 0].numpy()], np.asarray(feed.source)
+    walk, source = (one[feed.number.numpy()] for one in (windows.walk, windows.source))
     is_out = np.array([name.startswith(params.left_out) for name in names])[walk] if params.left_out else False
     is_out = is_out | np.isin(np.array(SOURCES)[source], params.left_out)
     chance = np.where(is_out, 0.0, 1.0 / np.bincount(walk)[walk])

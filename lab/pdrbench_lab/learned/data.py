@@ -1,9 +1,9 @@
 """Windows for training: where they come from, the displacement of each, a manifest of everything that went in.
 
-Sources: people who walk for training only (`people`), and such of every kind with phones of every kind (`bearers`), the
-`train` walks of CampusPhone-v1, those of MallPhone-v2 (`mall`), of RetailPhone-v1 (`retail`) and of IpinPhone-v1
-(`museum`), of the last two also those of `val`, and a user's own recordings. Between two surveyed places the way is
-reckoned from steps and bent to meet both. No other `val` walk and no `test` walk of an environment is ever read here.
+Sources: simulated people of every kind with phones of every kind, who walk for training only (`bearers`), the `train`
+walks of CampusPhone-v1, those of MallPhone-v2 (`mall`), of RetailPhone-v1 (`retail`) and of IpinPhone-v1 (`museum`), of
+the last two also those of `val`, and a user's own recordings. Between two surveyed places the way is reckoned from
+steps and bent to meet both. No other `val` walk and no `test` walk of an environment is ever read here.
 """
 
 from __future__ import annotations
@@ -13,34 +13,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.inertial import GENTLE, PeakStepDetector, find_steps, phone_heading_rad
+from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.signals import HORIZON, MIN_RATE_HZ, RATE_HZ, Signals, grid_signals
-from pdrbench_lab.learned.feet import levelled, train_foot
 from pdrbench_lab.learned.kept_arrays import keep, kept
-from pdrbench_lab.learned.people import train_bearer, train_person
+from pdrbench_lab.learned.people import train_bearer
 from pdrbench_lab.learned.public_sets import stabilised
 from pdrbench_lab.learned.recordings import is_dense, own_recordings
 
-if TYPE_CHECKING:
-    from pdrbench_sim.people.person import Person
-
 OWN: Final = "own"
-FEET: Final = "feet"
 BEARERS: Final = "bearers"
-SOURCES: Final = ("people", "campus", "mall", OWN, FEET, BEARERS, "museum", "retail")
-DRAWN: Final = ("people", FEET, BEARERS)  # simulated, as many as are asked for
+SOURCES: Final = ("campus", "mall", OWN, BEARERS, "museum", "retail")
 # Samples between windows: recorded walks are few.
-EVERY: Final = {"people": 50, "campus": 50, "mall": 25, OWN: 10, FEET: 50, BEARERS: 50, "museum": 10, "retail": 10}
+EVERY: Final = {"campus": 50, "mall": 25, OWN: 10, BEARERS: 50, "museum": 10, "retail": 10}
 ENVIRONMENTS: Final = {
     "campus": "CampusPhone-v1",
     "mall": "MallPhone-v2",
@@ -58,7 +51,7 @@ EDGE_S: Final = 0.1  # between places of `bent_way`: next to a leg that is left 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Signals of many walks, one after the other, and the displacement of each of their windows.
+    """Signals of many walks, one after the other, and their windows whose displacement is known.
 
     Attributes:
         accel, gyro, up: (n, 3) as in `Signals`.
@@ -70,8 +63,6 @@ class Windows:
         height_m: (N,) of the person, 0 where unknown.
         source: (N,) number of its source in `SOURCES`.
         pocket: (N,) whether the walk began with the phone in a pocket.
-        known: (N,) whether `move_m` is to be learned; other windows are for the memory of a walk only.
-        steps: (N,) steps taken in the last second, not a number where they are not known.
     """
 
     accel: FloatArray
@@ -85,8 +76,6 @@ class Windows:
     height_m: FloatArray
     source: IntArray
     pocket: IntArray
-    known: BoolArray
-    steps: FloatArray
 
     def __len__(self) -> int:
         return len(self.end)
@@ -100,10 +89,8 @@ class WalkWindows:
         name: Id of the walk.
         kind: Its source.
         signals: With a steady yaw.
-        end: (N,) sample at which each window ends.
+        end: (N,) sample at which each window ends whose displacement is known.
         move_m: (N, 2) by how much the body moved in its last second.
-        known: (N,) whether that is known.
-        steps: (N,) steps taken in it, not a number where they are not known.
         height_m: Of the person, 0 where unknown.
         in_pocket: Whether the walk began with the phone in a pocket.
     """
@@ -113,8 +100,6 @@ class WalkWindows:
     signals: Signals
     end: IntArray
     move_m: FloatArray
-    known: BoolArray
-    steps: FloatArray
     height_m: float
     in_pocket: bool
 
@@ -125,8 +110,8 @@ def windows_of_sources(
     """Walks to learn from, or with `group` "val" those of other people, to choose by.
 
     Args:
-        kinds: Some of `SOURCES`; all but `DRAWN` have walks to learn from only.
-        people: Number of people of each of the sources `DRAWN`, of whom more begin like fewer.
+        kinds: Some of `SOURCES`; all but "bearers" have walks to learn from only.
+        people: Number of simulated people, of whom more begin like fewer.
         group: "train" or "val".
         recordings: Folder of the source "own".
         jobs: Processes among which people are divided; the same comes of any number.
@@ -137,9 +122,9 @@ def windows_of_sources(
     for kind in kinds:
         if kind not in SOURCES:
             raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
-        if kind in DRAWN:
+        if kind == BEARERS:
             yield from Parallel(n_jobs=jobs, return_as="generator")(
-                delayed(_windows_of_person)(kind, number, group) for number in range(people)
+                delayed(_windows_of_person)(number, group) for number in range(people)
             )
         elif group == "train" and kind == OWN:
             if recordings is None:
@@ -155,12 +140,9 @@ def windows_of_sources(
                 yield windows_of(name, kind, recording, way_of(recording))
 
 
-def _windows_of_person(kind: str, number: int, group: str) -> WalkWindows:
-    if kind == BEARERS:
-        walk, person = train_bearer(number, group=group)
-        return windows_of(f"{group}-{walk.id}", kind, walk, simulated_way(walk.reference, person))
-    walk = levelled(train_foot(number, group=group)) if kind == FEET else train_person(number, group=group)
-    return windows_of(f"{group}-{walk.id}", kind, walk)
+def _windows_of_person(number: int, group: str) -> WalkWindows:
+    walk = train_bearer(number, group=group)
+    return windows_of(f"{group}-{walk.id}", BEARERS, walk, Way(walk.reference))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,13 +152,10 @@ class Way:
     Attributes:
         places: Of the body.
         known_s: (K, 2) spans within which they are right; None for all of them.
-        steps: (n,) steps taken until each of `step_times_s` (n,); None where nothing is known of them.
     """
 
     places: Trajectory
     known_s: FloatArray | None = None
-    step_times_s: FloatArray | None = None
-    steps: FloatArray | None = None
 
     def holds(self, begin_s: FloatArray, end_s: FloatArray) -> BoolArray:
         """(N,) whether places are right from `begin_s` (N,) to `end_s` (N,)."""
@@ -187,22 +166,8 @@ class Way:
 
 
 def way_of(recording: Recording) -> Way:
-    """The way of a recording: its reference where places are dense, else bent between places. Steps are counted."""
-    if is_dense(recording):
-        return Way(recording.reference)
-    places, known_s = bent_way(recording)
-    accel = recording.streams["accel"]
-    rate_hz = (len(accel.rows) - 1) / float(np.ptp(accel.rows[:, 0]))
-    found = find_steps(accel.rows, rate_hz, GENTLE).end_s
-    times_s, count = _count(found, accel.rows[:, 0])
-    return Way(places, known_s, times_s, count)
-
-
-def simulated_way(places: Trajectory, person: Person) -> Way:
-    """The way of a simulated person, whose steps have the length that goes with the speed."""
-    speed_mps = np.hypot(*np.diff(places.xy_m, axis=0).T) / np.diff(places.t_s)
-    steps = speed_mps / person.step_at(speed_mps) * np.diff(places.t_s)
-    return Way(places, None, places.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
+    """The way of a recording: its reference where places are dense, else bent between places."""
+    return Way(recording.reference) if is_dense(recording) else Way(*bent_way(recording))
 
 
 def bent_way(recording: Recording) -> tuple[Trajectory, FloatArray]:
@@ -264,17 +229,15 @@ def gather(walks: Iterator[WalkWindows]) -> tuple[Windows, list[dict[str, Any]]]
     rows: list[dict[str, Any]] = []
     begin = 0
     for walk in walks:
-        signals, known = walk.signals, walk.known
-        digest = _digest(signals, walk.move_m[known])
-        rows.append({"name": walk.name, "source": walk.kind, "windows": int(known.sum()), "sha256": digest})
-        if not known.any():
+        signals, count = walk.signals, len(walk.end)
+        digest = _digest(signals, walk.move_m)
+        rows.append({"name": walk.name, "source": walk.kind, "windows": count, "sha256": digest})
+        if not count:
             continue
         for name in ("accel", "gyro", "up", "twist"):
             parts[name].append(getattr(signals, name).astype(np.float32))
         parts["end"].append(begin + walk.end)
         parts["move_m"].append(walk.move_m.astype(np.float32))
-        parts["known"].append(known)
-        parts["steps"].append(walk.steps.astype(np.float32))
         same = {
             "begin": begin,
             "walk": len(rows) - 1,
@@ -283,30 +246,28 @@ def gather(walks: Iterator[WalkWindows]) -> tuple[Windows, list[dict[str, Any]]]
             "pocket": int(walk.in_pocket),
         }
         for name, value in same.items():
-            parts[name].append(np.full(len(known), value, dtype=np.float32 if name == "height_m" else np.int64))
+            parts[name].append(np.full(count, value, dtype=np.float32 if name == "height_m" else np.int64))
         begin += len(signals)
     if not parts["end"]:
         raise DatasetError("no window to learn from: more people, or another source")
     return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
 
 
-def windows_of(name: str, kind: str, recording: Recording, way: Way | None = None) -> WalkWindows:
+def windows_of(name: str, kind: str, recording: Recording, way: Way) -> WalkWindows:
     """Signals of a walk, and the displacements that its windows are to give.
 
     Args:
         name: Id of the walk.
         kind: One of `SOURCES`.
         recording: Its signals.
-        way: Where it led; None for the reference of the recording.
+        way: Where it led.
 
     Raises:
         DatasetError: A sensor slower than `MIN_RATE_HZ`.
     """
-    way = Way(recording.reference) if way is None else way
     places = way.places
     rows = {sensor: recording.streams[sensor].rows for sensor in ("accel", "gyro", "rotation")}
-    if recording.mounting != FOOT:  # that of a foot is steady already
-        rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
+    rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
     for sensor in ("accel", "gyro"):
         rate_hz = (len(rows[sensor]) - 1) / max(rows[sensor][-1, 0] - rows[sensor][0, 0], 1e-9)
         if rate_hz < MIN_RATE_HZ:
@@ -321,12 +282,9 @@ def windows_of(name: str, kind: str, recording: Recording, way: Way | None = Non
     known = way.holds(begin_s, end_s)
     known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
     at = [np.column_stack([np.interp(t_s, places.t_s, xy) for xy in places.xy_m.T]) for t_s in (begin_s, end_s)]
-    steps = np.full(len(end), np.nan)
-    if way.steps is not None and way.step_times_s is not None:
-        steps = np.interp(end_s, way.step_times_s, way.steps) - np.interp(begin_s, way.step_times_s, way.steps)
     height_m = float(recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
     in_pocket = recording.mounting == "pocket"
-    return WalkWindows(name, kind, signals, end, at[1] - at[0], known, steps, height_m, in_pocket)
+    return WalkWindows(name, kind, signals, end[known], (at[1] - at[0])[known], height_m, in_pocket)
 
 
 def _digest(signals: Signals, move_m: FloatArray) -> str:

@@ -14,15 +14,15 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_lab.drawing.curves import panels, save_figures
 from pdrbench_lab.learned.batches import UNCHANGED, Feed
+from pdrbench_lab.learned.cnn import MODEL, PROGRESS
 from pdrbench_lab.learned.data import Windows, load_or_gather
 from pdrbench_lab.learned.measure import WALKS_M, WindowOutputs, window_figures, window_outputs
-from pdrbench_lab.learned.train import MODEL, PROGRESS
 from pdrbench_lab.learned.weights import restore
 
 DPI: Final = 110
 SPEEDS_MPS: Final = (0.0, 0.3, 0.6, 0.9, 1.1, 1.3, 1.5, 2.0)
 CLAIMED: Final = tuple(np.linspace(0.05, 0.95, 19).tolist())
-MIRRORED: Final = replace(UNCHANGED, mirror_share=1.0)
+MIRRORED: Final = replace(UNCHANGED, mirrored_fraction=1.0)
 
 
 def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
@@ -34,9 +34,10 @@ def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
     """
     asked = json.loads((windows_in / "manifest-val.json").read_text())["asked"]
     windows = load_or_gather(windows_in, tuple(asked["sources"]), int(asked["people"]), "val")
-    network, feed = restore(runs[0] / MODEL), Feed(windows, "cpu")
+    network, feed = restore(runs[0] / MODEL), Feed(windows)
     outputs = window_outputs(network, feed)
-    groups = {"hand": windows.pocket[outputs.number] == 0, "pocket": windows.pocket[outputs.number] == 1}
+    in_pocket = windows.pocket[outputs.number] == 1
+    groups = {name: chosen for name, chosen in (("hand", ~in_pocket), ("pocket", in_pocket)) if chosen.any()}
     speed_mps, limits = np.hypot(*outputs.true_m.T), [-2.0 * np.log(1.0 - level) for level in CLAIMED]
     return {
         "curves": {run.name: json.loads((run / PROGRESS).read_text())["curve"] for run in runs},
@@ -99,10 +100,10 @@ def _draw_curves(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Any:
         "distance_pct": "error of the distance, %",
         "turn_p95_deg": "change of heading, P95, degrees",
     }
-    figure, axes = panels(list(shown.values()), columns=3, panel_in=(3.4, 2.8), x_label="epoch")
+    figure, axes = panels(list(shown.values()), columns=3, panel_in=(3.4, 2.8), x_label="batches")
     for ax, key in zip(axes, shown, strict=True):
         for name, curve in curves.items():
-            ax.plot([row["epoch"] for row in curve], [row[key] for row in curve], marker=".", label=name)
+            ax.plot([row["batch"] for row in curve], [row[key] for row in curve], marker=".", label=name)
     axes[0].legend(fontsize=8)
     return figure
 
@@ -128,10 +129,8 @@ def _draw_errors(measured: Mapping[str, Any]) -> Any:
     axes[0].set_xlabel("speed, m/s", fontsize=8)
     axes[0].set_ylim(bottom=0)
     axes[0].legend(fontsize=8)
-    for name, in_pocket, is_known in (("hand", 0, True), ("pocket", 1, True), ("hand, height unknown", 0, False)):
-        rows = [
-            row for row in measured["people"] if row["in_pocket"] == in_pocket and (row["height_m"] > 0) == is_known
-        ]
+    for name, in_pocket in (("hand", 0), ("pocket", 1)):
+        rows = [row for row in measured["people"] if row["in_pocket"] == in_pocket]
         error_pct = [row["distance_error_pct"] for row in rows]
         axes[1].plot([row["speed_mps"] for row in rows], error_pct, "o", ms=4, label=name)
     axes[1].axhline(0.0, color="0.6", linewidth=1)

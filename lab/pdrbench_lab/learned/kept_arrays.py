@@ -26,7 +26,7 @@ def kept(kind: type[Arrays], path: Path, manifest_path: Path, asked: Mapping[str
         asked: What they have to be made of.
 
     Raises:
-        PdrbenchError: They were made of something else, or are torn.
+        PdrbenchError: They were made of something else or by another version, or are torn.
     """
     if not (path.is_file() and manifest_path.is_file()):
         return None
@@ -36,7 +36,9 @@ def kept(kind: type[Arrays], path: Path, manifest_path: Path, asked: Mapping[str
     if hashlib.sha256(path.read_bytes()).hexdigest() != manifest["sha256"]:
         raise PdrbenchError(f"{path} is torn: its hash is not that of {manifest_path.name}; remove both")
     with np.load(path, allow_pickle=False) as stored:
-        return kind(**{field.name: stored[field.name] for field in fields(kind)})  # type: ignore[arg-type]
+        if set(stored.files) != {field.name for field in fields(kind)}:  # type: ignore[arg-type]
+            raise PdrbenchError(f"{path} was made by another version; remove it and {manifest_path.name}")
+        return kind(**stored)
 
 
 def keep(arrays: Any, path: Path, manifest_path: Path, asked: Mapping[str, Any], **facts: Any) -> None:

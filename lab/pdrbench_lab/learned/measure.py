@@ -1,4 +1,4 @@
-"""Figures of a network: on windows of people who are in no training set, and on whole walks of environments."""
+"""Figures of a network on windows of people who are in no training set."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdrbench_lab.learned.model import surprise, whitened
 
 if TYPE_CHECKING:
     from pdrbench_lab.learned.batches import Augmentation, Feed
-    from pdrbench_lab.learned.model import AnyNetwork
+    from pdrbench_lab.learned.model import PhoneNetwork
 
 WALKS_M: Final = 0.5  # in a second; below it the heading of travel says nothing
 LEVELS: Final = (0.50, 0.90, 0.95)
@@ -52,7 +52,7 @@ class WindowFigures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowOutputs:
-    """Outputs of a network for the N windows of a set whose displacements are known.
+    """Outputs of a network for the N windows of a set.
 
     Attributes:
         number: (N,) of each window in the set.
@@ -69,21 +69,23 @@ class WindowOutputs:
     surprise: FloatArray
 
 
-def window_outputs(network: AnyNetwork, feed: Feed, how: Augmentation | None = None) -> WindowOutputs:
-    """Asks a network about every walk of a set, changed where `how` is given."""
+def window_outputs(network: PhoneNetwork, feed: Feed, how: Augmentation | None = None) -> WindowOutputs:
+    """Asks a network about every window of a set, changed where `how` is given."""
     network.eval()
     parts: list[tuple[FloatArray, ...]] = []
     with torch.no_grad():
         for batch in feed.in_order(how):
-            said, _ = network.walks(batch.window, batch.height_m)
+            said = network(batch.window, batch.height_m)
             squares = (whitened(said, batch.move_m) ** 2).sum(dim=1)
             figures = (batch.number, batch.yaw_rad, said.move_m, batch.move_m, squares, surprise(said, batch.move_m))
-            parts.append(tuple(one[batch.known].cpu().numpy() for one in figures))
+            parts.append(tuple(one.numpy() for one in figures))
     number, yaw_rad, move_m, true_m, square, nll = (np.concatenate(one) for one in zip(*parts, strict=True))
     return WindowOutputs(number, turned(move_m, yaw_rad), turned(true_m, yaw_rad), square, nll)
 
 
-def window_figures(network: AnyNetwork, feed: Feed, windows: Windows, how: Augmentation | None = None) -> WindowFigures:
+def window_figures(
+    network: PhoneNetwork, feed: Feed, windows: Windows, how: Augmentation | None = None
+) -> WindowFigures:
     """Figures over every window of a set, changed where `how` is given."""
     outputs = window_outputs(network, feed, how)
     walk, end = windows.walk[outputs.number], windows.end[outputs.number]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -14,17 +14,13 @@ from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.inertial.step_detection import StepDetector
 from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording, SensorStream
-from pdrbench_baselines.learned.attitude_sources import FOOT
-from pdrbench_baselines.learned.reckoning import EVERY_S, Reckoner
+from pdrbench_baselines.learned.reckoning import EVERY_S, Reckoner, WindowNetwork
 from pdrbench_baselines.learned.row_checks import SENSORS
 from pdrbench_baselines.li2012.localizer import GENERIC
 from pdrbench_lab.learned.data import EDGE_S, bent_way
 from pdrbench_lab.learned.measure import LEVELS, WALKS_M
 from pdrbench_lab.learned.recordings import is_dense
 from pdrbench_lab.papers.li2012.model import walked_m
-
-if TYPE_CHECKING:
-    from pdrbench_lab.learned.model import AnyNetwork
 
 CHUNK_S: Final = 1.0
 # Ours: standard deviation of the Gaussian that keeps the motion of the body, with 0.02 of 1.8 Hz; the rest is shaking.
@@ -54,7 +50,7 @@ class Reckoned:
         return np.column_stack([np.interp(t_s, knots_s, one) for one in path_m.T])
 
 
-def reckon(network: AnyNetwork, recording: Recording) -> Reckoned:
+def reckon(network: WindowNetwork, recording: Recording) -> Reckoned:
     """Plays a recording to a network."""
     names = [name for name in USED if name in recording.streams]
     specs = {name: recording.streams[name].spec for name in names}
@@ -110,7 +106,7 @@ def without_rotation(recording: Recording) -> Recording:
     return replace(recording, streams={name: one for name, one in recording.streams.items() if name != "rotation"})
 
 
-def place_errors_m(network: AnyNetwork, recordings: Iterable[Recording]) -> tuple[FloatArray, FloatArray]:
+def place_errors_m(network: WindowNetwork, recordings: Iterable[Recording]) -> tuple[FloatArray, FloatArray]:
     """Errors at the surveyed places of walks.
 
     Returns:
@@ -128,7 +124,9 @@ def place_errors_m(network: AnyNetwork, recordings: Iterable[Recording]) -> tupl
 
 
 def walk_figures(
-    network: AnyNetwork, recordings: Iterable[Recording], changed: Callable[[Recording], Recording] = lambda walk: walk
+    network: WindowNetwork,
+    recordings: Iterable[Recording],
+    changed: Callable[[Recording], Recording] = lambda walk: walk,
 ) -> dict[str, float]:
     """Means over walks; where places are rare, over the legs that were walked straight, see `bent_way`.
 
@@ -151,7 +149,7 @@ def reckoned_figures(walks: Iterable[tuple[Recording, Reckoned]]) -> dict[str, f
     own, generic, turns, squares, sigmas_m = [], [], [], [], []
     for recording, found in walks:
         way, known_s = recording.reference, None
-        if recording.mounting != FOOT and not is_dense(recording):
+        if not is_dense(recording):
             way, known_s = bent_way(recording)
         knots_s = np.concatenate([[found.end_s[0] - EVERY_S], found.end_s])
         knots_s = knots_s[knots_s <= way.t_s[-1]]

@@ -14,6 +14,7 @@ from pdrbench.trajectory import Start  # noqa: E402
 from pdrbench_baselines.learned.localizer import Learned  # noqa: E402
 from pdrbench_baselines.learned.signals import turned  # noqa: E402
 from pdrbench_lab.learned.cnn import CnnParams, train_cnn  # noqa: E402
+from pdrbench_lab.learned.figures import draw, numbers  # noqa: E402
 from pdrbench_lab.learned.people import train_bearer  # noqa: E402
 from pdrbench_lab.learned.walks import reckon, walk_figures, without_rotation  # noqa: E402
 from pdrbench_lab.learned.weights import load_network, restore  # noqa: E402
@@ -23,15 +24,15 @@ from pdrbench_lab.learned.weights import load_network, restore  # noqa: E402
 def walks() -> dict[str, list[Recording]]:
     """A minute of four simulated people of each of two kinds, of those who are in no training."""
     kinds = ("usual", "cart")
-    return {kind: [train_bearer(n, group="val", kinds=(kind,), walk_s=60.0)[0] for n in range(4)] for kind in kinds}
+    return {kind: [train_bearer(n, group="val", kinds=(kind,), walk_s=60.0) for n in range(4)] for kind in kinds}
 
 
 def length_m(walk: Recording) -> float:
-    return float(np.hypot(*reckon(load_network("phone"), walk).move_m.T).sum())
+    return float(np.hypot(*reckon(load_network(), walk).move_m.T).sum())
 
 
 def test_distances_and_ellipses_of_people_never_seen(walks: dict[str, list[Recording]]) -> None:
-    usual, cart = (walk_figures(load_network("phone"), walks[kind]) for kind in ("usual", "cart"))
+    usual, cart = (walk_figures(load_network(), walks[kind]) for kind in ("usual", "cart"))
     assert usual["distance_pct"] < 15.0
     assert min(usual["coverage_95_pct"], cart["coverage_95_pct"]) > 85.0
 
@@ -55,7 +56,7 @@ def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, lis
         localizer.reset(Briefing(None, specs, 60.0, start=Start(np.zeros(2), 0)), np.random.default_rng(0))
 
 
-def test_training_is_the_same_again_and_leaves_walks_out(tmp_path) -> None:
+def test_training_is_the_same_again_leaves_walks_out_and_is_drawn(tmp_path) -> None:
     params = CnnParams({"bearers": 1.0}, people=3, val_people=1, steps=60, batch=32)
     first, again = (train_cnn(tmp_path / name, params, windows_in=tmp_path) for name in ("one", "two"))
     for one, other in zip(first.state_dict().values(), again.state_dict().values(), strict=True):
@@ -64,3 +65,7 @@ def test_training_is_the_same_again_and_leaves_walks_out(tmp_path) -> None:
     left_out = CnnParams({"bearers": 1.0}, people=3, val_people=1, steps=2, left_out=("train-usual",))
     fewer = train_cnn(tmp_path / "three", left_out, windows_in=tmp_path)
     assert not torch.equal(fewer.head.bias, first.head.bias)
+    measured = numbers([tmp_path / "one", tmp_path / "three"], tmp_path)
+    assert [row["batch"] for row in measured["curves"]["one"]] == [60]
+    assert len(measured["people"]) == 1
+    assert len(draw(measured, tmp_path)) == 3

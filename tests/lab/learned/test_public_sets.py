@@ -78,7 +78,7 @@ def test_a_walk_without_places_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [1, 2])  # in the hand, in a pocket
 def test_places_are_turned_into_the_frame_of_the_attitude(number: int) -> None:
-    walk, _ = train_bearer(number)
+    walk = train_bearer(number)
     rows = [walk.streams[name].rows for name in ("accel", "gyro", "rotation")]
     other = replace(walk.reference, xy_m=turned(walk.reference.xy_m, TURN_RAD), heading_rad=None)
     found, same = in_phone_frame(other, *rows), in_phone_frame(walk.reference, *rows)

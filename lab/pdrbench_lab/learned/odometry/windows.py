@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import Recording
-from pdrbench_lab.learned.data import Way, simulated_way, way_of
+from pdrbench_lab.learned.data import Way, way_of
 from pdrbench_lab.learned.kept_arrays import keep, kept
 from pdrbench_lab.learned.odometry.aligned import LENGTH, RATE_HZ, aligned
 from pdrbench_lab.learned.people import train_bearer
@@ -106,8 +106,8 @@ def walks(kind: str, people: int, group: str, sets: Path | None, jobs: int = 1) 
 
 
 def _of_person(number: int, group: str) -> WalkWindows:
-    recording, person = train_bearer(number, group=group)
-    return WalkWindows(recording.id, recording.id, *windows_of(recording, simulated_way(recording.reference, person)))
+    recording = train_bearer(number, group=group)
+    return WalkWindows(recording.id, recording.id, *windows_of(recording, Way(recording.reference)))
 
 
 def _of_mall() -> Iterator[WalkWindows]:
