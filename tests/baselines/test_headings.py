@@ -11,6 +11,7 @@ import pytest
 from sample_buildings import bare_ring
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial import to_world
 from pdrbench.localizer import Briefing
 from pdrbench.radio import survey_of_readings
 from pdrbench.sensors import sensor_spec
@@ -20,7 +21,7 @@ from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams, motion_of
-from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer
+from pdrbench_baselines.learned.reckoning import ALIGNED_AFTER_M, Move, Reckoner, WindowAnswer
 from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
 
 PARAMS = CompassParams()
@@ -39,11 +40,11 @@ def briefing(*sensors: str, heading_rad: float | None = None) -> Briefing:
 
 
 def disturbed(seconds: float) -> dict[str, FloatArray]:
-    """Rows of a flat phone that does not turn, while its compass runs away by 0.05 rad a second."""
+    """Rows of a flat phone that steps shake and that does not turn, while its compass runs away by 0.05 rad a second."""
     t_s = np.arange(0.0, seconds, 0.02)
     nothing, half_rad = np.zeros_like(t_s), 0.05 * t_s / 2
     return {
-        "accel": np.column_stack([t_s, nothing, nothing, nothing + 9.81]),
+        "accel": np.column_stack([t_s, nothing, nothing, 9.81 + 2.0 * np.sin(11.4 * t_s)]),
         "gyro": np.column_stack([t_s, nothing, nothing, nothing]),
         "rotation": np.column_stack([t_s, np.cos(half_rad), nothing, nothing, np.sin(half_rad)]),
     }
@@ -76,13 +77,30 @@ def test_a_second_says_how_far_its_frame_was_turned_to_the_compass_however_rows_
 
 @pytest.mark.parametrize(("sensors", "has_compass"), [(("rotation",), True), (("mag",), True), ((), False)])
 def test_without_a_compass_no_mean_is_reported(sensors: tuple[str, ...], has_compass: bool) -> None:
-    rows = {name: one for name, one in disturbed(4.0).items() if name in ("accel", "gyro", *sensors)}
+    rows = {name: one for name, one in disturbed(5.0).items() if name in ("accel", "gyro", *sensors)}
     if "mag" in sensors:
         rows["mag"] = np.column_stack([rows["accel"][:, 0], np.tile([0.0, 20.0, -40.0], (len(rows["accel"]), 1))])
     reckoner = Reckoner(Walks(), briefing(*rows, heading_rad=0.0))
     moves = list(reckoner.update(rows))
     assert moves and reckoner.has_compass == has_compass
     assert all((move.compass_rad is not None) == has_compass for move in moves)
+
+
+def test_without_a_compass_the_first_two_metres_lead_along_the_heading_of_the_start() -> None:
+    """Wherever the phone points: this one lies turned by 1.2 rad, as in a pocket, and its network says ahead of it."""
+    turn = np.array([math.cos(0.6), 0.0, 0.0, math.sin(0.6)])
+    rows = {name: one for name, one in disturbed(6.0).items() if name != "rotation"}
+    rows = {name: np.column_stack([one[:, 0], to_world(turn, one[:, 1:])]) for name, one in rows.items()}
+    reckoner, moves = Reckoner(Walks(), briefing(*rows, heading_rad=2.0)), []
+    for begin_s in np.arange(0.0, 6.0, 0.5):
+        some = {name: one[(one[:, 0] >= begin_s) & (one[:, 0] < begin_s + 0.5)] for name, one in rows.items()}
+        given = list(reckoner.update(some))
+        assert not given or begin_s + 0.5 > ALIGNED_AFTER_M  # seconds, of a metre each
+        moves += given
+    assert len(moves) >= 4
+    np.testing.assert_allclose(
+        [move.move_m for move in moves], [[math.cos(2.0), math.sin(2.0)]] * len(moves), atol=0.02
+    )
 
 
 def test_what_the_mean_says_of_a_heading_adds_up_to_what_it_says_at_last() -> None:

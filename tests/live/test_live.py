@@ -252,4 +252,4 @@ def test_the_command(stroll: Stroll, tmp_path: Path, command: Any) -> None:
             assert live.post(stroll.push(end_s), f"/{found[2]}/push")[0] == 200
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=120)
-    assert f"pdrbench run {LOCALIZER} {tmp_path / 'android-1'}" in said
+    assert f"pdrbench try {tmp_path / 'android-1'} --localizer {LOCALIZER}" in said

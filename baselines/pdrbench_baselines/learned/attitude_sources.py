@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import PhoneAttitude, phone_heading_rad, to_world
+from pdrbench.inertial import PhoneAttitude, to_world
 from pdrbench.inertial.quaternions import about_vertical, multiply
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.learned.signals import MIN_RATE_HZ
@@ -28,7 +28,7 @@ class PhoneSource:
     Attributes:
         sensors: That are needed.
         min_rate_hz: At which they are needed.
-        turn_rad: From the frame of the attitudes to that of the building; None as long as it is unknown.
+        turn_rad: From the frame of the attitudes to that of the building; None until the reckoner has found it.
     """
 
     sensors: Final = ("accel", "gyro", "rotation")
@@ -67,8 +67,9 @@ class OwnAttitudeSource:
     """A phone without a rotation vector: the filter of the house makes one, with a magnetometer where there is one.
 
     Args:
-        briefing: Gives the sensors, and the heading of the start. Without a magnetometer the yaw begins so that the top
-            edge of the phone points there; without both the frame is that of the first attitude.
+        briefing: Gives the sensors, and the heading of the start. With that and no magnetometer the frame is not known
+            until displacements have led somewhere, wherever a phone is carried; without both it is that of the first
+            attitude.
 
     Attributes as of `PhoneSource`.
     """
@@ -78,15 +79,13 @@ class OwnAttitudeSource:
     def __init__(self, briefing: Briefing) -> None:
         has_field = "mag" in briefing.sensors
         self.sensors = ("accel", "gyro", "mag") if has_field else ("accel", "gyro")
-        self._heading_rad = None if briefing.start is None or has_field else briefing.start.heading_rad
-        self.turn_rad: float | None = 0.0 if self._heading_rad is None else None
+        is_given = briefing.start is not None and briefing.start.heading_rad is not None
+        self.turn_rad: float | None = None if is_given and not has_field else 0.0
         self._attitude, self._steady = PhoneAttitude(), YawStabiliser()
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Takes the next rows, finite, in the order of time; gives accel, gyro, rotation and, with a compass, that."""
         rotation = self._attitude.update(rows["accel"], rows["gyro"], rows.get("mag"))
-        if len(rotation) and self.turn_rad is None and self._heading_rad is not None:
-            self.turn_rad = self._heading_rad - float(phone_heading_rad(rotation[0, 1:5]))
         steadied = _steadied(self._steady, rotation, rows["gyro"])
         if "mag" not in self.sensors:
             del steadied["compass"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.learned.attitude_sources import PHONE, rows_of
+from pdrbench_baselines.learned.attitude_sources import PHONE, OwnAttitudeSource, rows_of
 from pdrbench_baselines.learned.row_checks import SENSORS, RowChecks
 from pdrbench_baselines.learned.signals import (
     HORIZON,
@@ -34,6 +34,8 @@ FADES: Final = 0.9  # of a displacement for every second without samples: nearly
 # to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
 REPEATED_FRACTION: Final = 0.25
 GAP_FRACTION: Final = 0.1
+# Of 1, 2 and 3 m this errs least on 40 train walks of CampusPhone-v1 without attitudes: 5.4, 5.1 and 6.0 m.
+ALIGNED_AFTER_M: Final = 2.0
 ROUNDING_S: Final = 1e-6  # of times
 
 
@@ -102,6 +104,7 @@ class Reckoner:
         self._source = source = rows_of(briefing)
         briefing.require(sensors=source.sensors, min_rate_hz=source.min_rate_hz, carrier=PHONE)
         self._network = network
+        self._start_rad = 0.0 if briefing.start is None else briefing.start.heading_rad or 0.0
         names = dict.fromkeys(
             (*source.sensors, *({"mag"} & briefing.sensors.keys()))
         )  # a field helps, none is waited for
@@ -128,11 +131,19 @@ class Reckoner:
             RecordingError: Other units than m/s2 and rad/s, or times that go back.
         """
         self._held += self._seconds(rows)
+        self._align()
         turn_rad = self._source.turn_rad
         if turn_rad is not None:
             for move in (_turned(one, turn_rad) for one in self._held):
                 yield replace(move, move_m=self._length_factor * move.move_m)
             self._held = []
+
+    def _align(self) -> None:
+        """Turns the frame so that the first displacements lead along the heading of the start."""
+        if isinstance(self._source, OwnAttitudeSource) and self._source.turn_rad is None and self._held:
+            x_m, y_m = np.sum([move.move_m for move in self._held], axis=0)
+            if math.hypot(x_m, y_m) >= ALIGNED_AFTER_M:
+                self._source.turn_rad = self._start_rad - math.atan2(y_m, x_m)
 
     def _seconds(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         """Those that are complete, in the frame of the rotation vector."""

@@ -46,7 +46,7 @@ def test_preparing_starts_no_thread() -> None:
 
 @pytest.mark.parametrize(
     ("localizer", "named", "left_out"),
-    [("stay", set(), {"torch", "pandas", "scipy.signal"}), ("learned", {"scipy.signal"}, {"torch"})],
+    [("stay", set(), {"torch", "pandas", "scipy.signal"}), ("learned", {"safetensors"}, {"torch"})],
 )
 def test_a_launcher_imports_the_libraries_of_the_localizer_not_of_its_package(
     localizer: str, named: set[str], left_out: set[str]
