@@ -217,10 +217,11 @@ def _edges(features: Iterable[Feature], north: int) -> Iterator[Any]:
 def _skew_deg(features: Iterable[Feature], north: int) -> float:
     """By how much the corners of what is closed usually miss right angles."""
     found = [0.0]
-    for along in _edges(features, north):
-        turn_deg = np.degrees(np.angle(np.append(along[1:], along[:1]) / along))
+    for edges in _edges(features, north):
+        along = edges[edges != 0.0]  # a corner may stand twice
+        turn_deg = np.degrees(np.angle(np.append(along[1:], along[:1]) * along.conj()))
         found += np.abs((turn_deg + 45.0) % 90.0 - 45.0).tolist() if abs(along.sum()) < 1e-3 else []
-    return float(np.nanmedian(found))
+    return float(np.median(found))
 
 
 def _stretch(features: Iterable[Feature], north: int) -> float:
