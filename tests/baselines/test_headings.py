@@ -40,7 +40,7 @@ def briefing(*sensors: str, heading_rad: float | None = None) -> Briefing:
 
 
 def disturbed(seconds: float) -> dict[str, FloatArray]:
-    """Rows of a flat phone that steps shake and that does not turn, while its compass runs away by 0.05 rad a second."""
+    """Rows of a flat phone that steps shake, not turn, while its compass runs away by 0.05 rad a second."""
     t_s = np.arange(0.0, seconds, 0.02)
     nothing, half_rad = np.zeros_like(t_s), 0.05 * t_s / 2
     return {
